@@ -11,8 +11,7 @@ from collections.abc import Iterator, Sequence
 from datetime import date
 from typing import Any
 
-from replay.energyplus.buildings import OPPOSITE, SIDES, Building, Room, Side
-from replay.energyplus.construction import Construction
+from replay.energyplus.buildings import OPPOSITE, PARTS, SIDES, Building, Construction, Room, Side
 
 STEP = 300.0
 """Seconds of a step."""
@@ -88,7 +87,7 @@ def model_of(building: Building, begin: date) -> Model:
         "FenestrationSurface:Detailed": {},
         "ZoneCrossMixing": {},
     }
-    for name in ("wall", "roof", "ground", "partition", "storey"):
+    for name in PARTS:
         _add_construction(model, name, getattr(building, name))
     for room in building.rooms:
         model["Zone"][room.name] = {"volume": room.volume}

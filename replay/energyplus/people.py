@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.arrays import Array
 from replay.localtime import DAY, HOUR, weekday
-from replay.simulated.events import EVERY_DAY, WEEKDAYS, WEEKEND, Habit, habitual
+from replay.simulated.events import EVERY_DAY, Habit, habitual
 
 _STREAM = 0xE9
 
@@ -76,73 +76,3 @@ def draw_day(use: Use, day: int, step: float, seed: int, room: int) -> Day:
     people = np.round(habitual(use.people, local, rng))
     equipment = use.standby + habitual(use.equipment, local, rng)
     return Day(people, equipment, habitual(use.lights, local, rng), habitual(use.opening, local, rng))
-
-
-def _at_home(evening: tuple[float, float], weekend: tuple[float, float], persons: tuple[float, float]) -> Use:
-    return Use(
-        people=(
-            Habit(EVERY_DAY, (6.0, 9.0), 1.5, (40 * 60, 2 * HOUR), persons, 0.9),
-            Habit(WEEKDAYS, evening, 2.5, (1 * HOUR, 4 * HOUR), persons),
-            Habit(WEEKEND, weekend, 3.5, (1 * HOUR, 5 * HOUR), persons, 0.9),
-        ),
-        equipment=(
-            Habit(EVERY_DAY, (11.5, 13.5), 1.0, (20 * 60, 50 * 60), (400.0, 1200.0), 0.4),
-            Habit(EVERY_DAY, (17.5, 20.0), 1.2, (20 * 60, 70 * 60), (600.0, 1800.0), 0.8),
-            Habit(EVERY_DAY, (18.0, 23.0), 1.5, (1 * HOUR, 3 * HOUR), (80.0, 250.0)),
-        ),
-        lights=(
-            Habit(EVERY_DAY, (6.0, 8.5), 1.0, (40 * 60, 2 * HOUR), (40.0, 120.0), 0.9),
-            Habit(EVERY_DAY, (16.5, 23.0), 2.0, (1 * HOUR, 4 * HOUR), (40.0, 150.0)),
-        ),
-        opening=(
-            Habit(EVERY_DAY, (6.5, 9.0), 0.8, (5 * 60, 20 * 60), (60.0, 180.0), 0.7),
-            Habit(EVERY_DAY, (17.0, 23.0), 0.8, (5 * 60, 20 * 60), (60.0, 180.0), 0.8),
-        ),
-        standby=60.0,
-        warm=(6.0, 22.0),
-    )
-
-
-KITCHEN_LIVING = _at_home((16.0, 23.0), (9.0, 23.5), (0.6, 2.4))
-FAMILY = _at_home((16.0, 23.5), (8.0, 23.5), (0.6, 3.4))
-BEDROOMS = Use(
-    people=(
-        Habit(EVERY_DAY, (0.0, 7.0), 2.0, (4 * HOUR, 7 * HOUR), (0.6, 1.4)),
-        Habit(EVERY_DAY, (20.0, 24.0), 1.5, (30 * 60, 3 * HOUR), (0.6, 2.4), 0.8),
-    ),
-    equipment=(Habit(EVERY_DAY, (17.0, 23.0), 0.8, (30 * 60, 3 * HOUR), (60.0, 250.0), 0.7),),
-    lights=(Habit(EVERY_DAY, (19.0, 24.0), 1.2, (30 * 60, 2 * HOUR), (30.0, 90.0)),),
-    opening=(
-        Habit(EVERY_DAY, (6.5, 9.5), 1.0, (5 * 60, 30 * 60), (40.0, 120.0), 0.8),
-        Habit(EVERY_DAY, (20.0, 23.0), 0.4, (5 * 60, 20 * 60), (40.0, 120.0), 0.6),
-    ),
-    standby=20.0,
-    warm=(6.0, 22.0),
-    by_day=19.5,
-    by_night=17.0,
-)
-DESK = Use(
-    people=(
-        Habit(WEEKDAYS, (7.5, 18.0), 3.0, (1 * HOUR, 4 * HOUR), (0.6, 1.4)),
-        Habit(WEEKDAYS, (9.0, 17.0), 0.7, (30 * 60, 2 * HOUR), (1.6, 4.4), 0.6),
-        Habit(WEEKEND, (9.0, 18.0), 1.0, (1 * HOUR, 3 * HOUR), (0.6, 1.4), 0.2),
-    ),
-    equipment=(Habit(WEEKDAYS, (7.5, 18.5), 3.0, (1 * HOUR, 5 * HOUR), (60.0, 250.0)),),
-    lights=(Habit(WEEKDAYS, (7.0, 18.5), 2.0, (1 * HOUR, 5 * HOUR), (80.0, 200.0)),),
-    opening=(Habit(WEEKDAYS, (7.5, 17.5), 1.5, (4 * 60, 20 * 60), (30.0, 100.0), 0.7),),
-    standby=40.0,
-    warm=(6.0, 18.0),
-    days=WEEKDAYS,
-    by_day=21.0,
-)
-HALL = Use(
-    people=(Habit(WEEKDAYS, (8.0, 18.0), 3.0, (10 * 60, 40 * 60), (0.6, 2.4)),),
-    equipment=(Habit(WEEKDAYS, (8.0, 18.0), 2.0, (5 * 60, 20 * 60), (300.0, 1500.0)),),
-    lights=(Habit(WEEKDAYS, (7.0, 18.5), 1.5, (2 * HOUR, 6 * HOUR), (60.0, 120.0)),),
-    opening=(Habit(WEEKDAYS, (7.5, 17.5), 1.0, (2 * 60, 10 * 60), (30.0, 90.0), 0.6),),
-    standby=30.0,
-    warm=(6.0, 18.0),
-    days=WEEKDAYS,
-    by_day=19.0,
-    by_night=16.5,
-)

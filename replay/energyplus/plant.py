@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from datetime import UTC, date, datetime
-from types import TracebackType
 from typing import NamedTuple
 
 import numpy as np
@@ -150,9 +149,7 @@ class Plant:
     def __enter__(self) -> Plant:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *of: object) -> None:
         self.close()
 
     def _keep_warm(self, readings: Readings) -> Inputs:
@@ -166,25 +163,13 @@ class Plant:
         of = dict(zip(_ROOM, table.T, strict=True))
         return Readings(
             time=self.begin + self._steps * STEP,
-            air=of["Zone Mean Air Temperature"],
+            air=of[_AIR],
             outdoor=outdoor,
             irradiance=diffuse + beam * max(math.sin(math.radians(altitude)), 0.0),
             facade=facade,
             wind=wind,
             air_density=density,
-            truth=Truth(
-                people=of["Zone People Sensible Heating Rate"],
-                equipment=of["Zone Electric Equipment Total Heating Rate"],
-                lights=of["Zone Lights Total Heating Rate"],
-                heating=of["Zone Other Equipment Total Heating Rate"],
-                sun=of["Enclosure Windows Total Transmitted Solar Radiation Rate"],
-                windows=_net(of, "Zone Ventilation Sensible Heat"),
-                infiltration=_net(of, "Zone Infiltration Sensible Heat"),
-                doors=of["Zone Air Heat Balance Interzone Air Transfer Rate"],
-                convective=of["Zone Air Heat Balance Internal Convective Heat Gain Rate"],
-                convection=of["Zone Air Heat Balance Surface Convection Rate"],
-                storage=of["Zone Air Heat Balance Air Energy Storage Rate"],
-            ),
+            truth=Truth(**{field: of[name] for field, name in _TRUTH.items()} | _net(of)),
         )
 
     def _set(self, readings: Readings, inputs: Inputs) -> Values:
@@ -198,10 +183,6 @@ class Plant:
         return [float(value) for value in table.T.ravel()]
 
 
-def _net(of: dict[str, Array], name: str) -> Array:
-    return (of[f"{name} Gain Energy"] - of[f"{name} Loss Energy"]) / STEP
-
-
 _SITE = (
     "Site Outdoor Air Drybulb Temperature",
     "Site Outdoor Air Density",
@@ -211,22 +192,25 @@ _SITE = (
     "Surface Outside Face Incident Solar Radiation Rate per Area",
     "Site Wind Speed",
 )
-_ROOM = (
-    "Zone Mean Air Temperature",
-    "Zone People Sensible Heating Rate",
-    "Zone Electric Equipment Total Heating Rate",
-    "Zone Lights Total Heating Rate",
-    "Zone Other Equipment Total Heating Rate",
-    "Enclosure Windows Total Transmitted Solar Radiation Rate",
-    "Zone Ventilation Sensible Heat Gain Energy",
-    "Zone Ventilation Sensible Heat Loss Energy",
-    "Zone Infiltration Sensible Heat Gain Energy",
-    "Zone Infiltration Sensible Heat Loss Energy",
-    "Zone Air Heat Balance Interzone Air Transfer Rate",
-    "Zone Air Heat Balance Internal Convective Heat Gain Rate",
-    "Zone Air Heat Balance Surface Convection Rate",
-    "Zone Air Heat Balance Air Energy Storage Rate",
-)
+_TRUTH = {
+    "people": "Zone People Sensible Heating Rate",
+    "equipment": "Zone Electric Equipment Total Heating Rate",
+    "lights": "Zone Lights Total Heating Rate",
+    "heating": "Zone Other Equipment Total Heating Rate",
+    "sun": "Enclosure Windows Total Transmitted Solar Radiation Rate",
+    "doors": "Zone Air Heat Balance Interzone Air Transfer Rate",
+    "convective": "Zone Air Heat Balance Internal Convective Heat Gain Rate",
+    "convection": "Zone Air Heat Balance Surface Convection Rate",
+    "storage": "Zone Air Heat Balance Air Energy Storage Rate",
+}
+_NET = {"windows": "Zone Ventilation Sensible Heat", "infiltration": "Zone Infiltration Sensible Heat"}
+"""What EnergyPlus has as energies gained and lost."""
+_AIR = "Zone Mean Air Temperature"
+_ROOM = (_AIR, *_TRUTH.values(), *(f"{name} {way} Energy" for name in _NET.values() for way in ("Gain", "Loss")))
+
+
+def _net(of: dict[str, Array]) -> dict[str, Array]:
+    return {field: (of[f"{name} Gain Energy"] - of[f"{name} Loss Energy"]) / STEP for field, name in _NET.items()}
 
 
 def _variables(building: Building) -> list[Variable]:
@@ -236,16 +220,19 @@ def _variables(building: Building) -> list[Variable]:
     return site + [Variable(name, room.name) for room in building.rooms for name in _ROOM]
 
 
+_INPUTS = (
+    ("OtherEquipment", "Power Level", "heater"),
+    ("People", "Number of People", "people"),
+    ("ElectricEquipment", "Electricity Rate", "equipment"),
+    ("Lights", "Electricity Rate", "lights"),
+    ("Zone Ventilation", "Air Exchange Flow Rate", "windows"),
+)
+
+
 def _actuators(building: Building) -> list[Actuator]:
     """Those of every field of `Inputs`, room by room."""
     return [
-        actuator
+        Actuator(kind, control, epjson.part(room.name, what))
         for room in building.rooms
-        for actuator in (
-            Actuator("OtherEquipment", "Power Level", epjson.part(room.name, "heater")),
-            Actuator("People", "Number of People", epjson.part(room.name, "people")),
-            Actuator("ElectricEquipment", "Electricity Rate", epjson.part(room.name, "equipment")),
-            Actuator("Lights", "Electricity Rate", epjson.part(room.name, "lights")),
-            Actuator("Zone Ventilation", "Air Exchange Flow Rate", epjson.part(room.name, "windows")),
-        )
+        for kind, control, what in _INPUTS
     ]

@@ -73,7 +73,7 @@ class Results:
         self,
         name: str,
         title: str,
-        columns: Mapping[str, str],
+        columns: Mapping[str, str] | Sequence[str],
         *,
         contenders: Sequence[str] | None = None,
         quoted: Mapping[str, Sequence[Cell]] | None = None,
@@ -82,9 +82,10 @@ class Results:
     ) -> Table:
         """A row for every recording and contender that has any figure, a column for each figure of `columns`.
 
-        `columns` is by heading, `heading` that of the contenders. `quoted` are published rows by label, below ours.
-        Where there is one recording only, its name has no column.
+        `columns` is by heading, where that is another than the figure; `heading` is that of the contenders. `quoted`
+        are published rows by label, below ours. Where there is one recording only, its name has no column.
         """
+        columns = columns if isinstance(columns, Mapping) else {name: name for name in columns}
         named = len(self.recordings) > 1
         rows: list[tuple[Cell, ...]] = []
         for recording in self.recordings:

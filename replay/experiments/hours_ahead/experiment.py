@@ -146,27 +146,27 @@ def verdicts(results: Results, known: Mapping[str, Recording]) -> list[Verdict]:
             if own and np.isfinite(crps):
                 ratios.setdefault(horizon, []).append(float(np.mean(own)) / crps)
                 text = f"{name}, {horizon}: CRPS of the bank over that of the best other forecast, {best}"
-                found.append(at_most(text, [value / crps for value in own], OVER_BEST))
+                found.append(at_most(OVER_BEST).judge(text, [value / crps for value in own]))
                 coverage = results.values(name, BANK, key(COVERAGE, horizon))
-                found.append(between(f"{name}, {horizon}: coverage of the bank", coverage, *COVERED))
+                found.append(between(*COVERED).judge(f"{name}, {horizon}: coverage of the bank", coverage))
     for horizon in ("6 h", "24 h"):
         text = f"{horizon}: CRPS of the bank over that of the best other forecast, geometric mean over recordings"
-        found.append(at_most(text, _geometric(ratios.get(horizon, [])), ON_AVERAGE))
+        found.append(at_most(ON_AVERAGE).judge(text, _geometric(ratios.get(horizon, []))))
     for horizon, limit in FIRST.items():
         text = f"first three days, {horizon}: CRPS of the bank over that of persistence, geometric mean over recordings"
         early = [_ratio(results, name, key(CRPS, horizon, FIRST_DAYS), PERSISTENCE) for name in known]
-        found.append(at_most(text, _geometric([value for value in early if np.isfinite(value)]), limit))
+        found.append(at_most(limit).judge(text, _geometric([value for value in early if np.isfinite(value)])))
     for name in known:
         largest = results.values(name, BANK, key(LARGEST, "6 h", FIRST_DAYS))
         if largest:
-            found.append(at_most(f"{name}, first three days: largest error 6 h ahead, K", largest, FARTHEST))
+            found.append(at_most(FARTHEST).judge(f"{name}, first three days: largest error 6 h ahead, K", largest))
         if results.values(name, BANK, LOSS):
             loss = results.values(name, BANK, LOSS)
             text = f"{name}: heat loss of the bank after three weeks, over the true one"
-            found.append(between(text, loss, 1.0 - HEAT_LOSS_OFF, 1.0 + HEAT_LOSS_OFF))
+            found.append(between(1.0 - HEAT_LOSS_OFF, 1.0 + HEAT_LOSS_OFF).judge(text, loss))
         if results.values(name, BANK, GAIN):
             text = f"{name}: rms error of the gain of the bank after three weeks, over its rms"
-            found.append(at_most(text, results.values(name, BANK, GAIN), GAIN_OFF))
+            found.append(at_most(GAIN_OFF).judge(text, results.values(name, BANK, GAIN)))
     return found
 
 
@@ -256,7 +256,7 @@ def _learned(results: Results, known: Mapping[str, Recording]) -> tuple[Section,
     table = results.table(
         "truth",
         "What was learned after three weeks, against EnergyPlus",
-        {name: name for name in LEARNED},
+        LEARNED,
         note="Heat loss: the learned one over that of a co-heating test in EnergyPlus; 1 is right. Gain: unmeasured "
         "heat in the week after; an error of 0 is right, and that of saying that there is none is 1.",
     )

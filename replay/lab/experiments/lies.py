@@ -182,7 +182,7 @@ def _report(results: Results) -> Report:
                 (),
                 (
                     Table("lies", "Share of cases in which a lie was found", ("lie", *figures), tuple(rows)),
-                    results.table("truth", "Alarms without a lie", {ALARMS: ALARMS}, contenders=[NOTHING]),
+                    results.table("truth", "Alarms without a lie", [ALARMS], contenders=[NOTHING]),
                 ),
             ),
         ),

@@ -169,7 +169,7 @@ def _figures(arrays: Arrays) -> Figures:
 
 
 def _report(results: Results) -> Report:
-    columns = {name: name for name in (MORNINGS, STARTS, IN_TIME, PROMISED, EARLY)}
+    columns = (MORNINGS, STARTS, IN_TIME, PROMISED, EARLY)
     lead = tuple(
         f"{name}: asked for {PROBABILITY:.0%}, in time on {results.mean(name, 'bank', IN_TIME):.0%} of "
         f"{results.mean(name, 'bank', MORNINGS):.0f} mornings, {results.mean(name, 'bank', EARLY):.0f} min too early."

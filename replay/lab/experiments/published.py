@@ -79,11 +79,11 @@ ECOLAR_NIGHTS = {
 """Table 8: median and standard deviation of the open-loop RMSE of the nights."""
 
 SENSITIVITY = {
-    "particles 3000": "open-loop RMSE, median: 0.25",
-    "particles 9000": "open-loop RMSE, median: 0.20",
-    "particles 15000": "open-loop RMSE, median: 0.20",
-    "volatility_sd 0.05": "open-loop RMSE, median: 0.28; coverage, disturbance-dominated: 0.909",
-    "volatility_sd 0.2": "coverage: 0.946",
+    "3,000 particles": "open-loop RMSE, median: 0.25",
+    "as it is": "open-loop RMSE, median: 0.20",
+    "15,000 particles": "open-loop RMSE, median: 0.20",
+    "volatility_sd .05": "open-loop RMSE, median: 0.28; coverage, disturbance-dominated: 0.909",
+    "volatility_sd .2": "coverage: 0.946",
     "gate": "open-loop RMSE, median: 0.20 to 0.26; coverage: 0.953 to 0.957; median width: 0.338 to 0.340",
 }
-"""5.1.5, by what was changed."""
+"""5.1.5, by what was changed, with 9,000 particles."""

@@ -1,4 +1,4 @@
-"""Result tables, as CSV in full, and rounded as Markdown and HTML."""
+"""Result tables, as CSV in full, and rounded as HTML."""
 
 from __future__ import annotations
 
@@ -64,18 +64,12 @@ class Table:
             writer.writerow([cell for pair in cells for cell in pair])
         return text.getvalue()
 
-    def markdown(self) -> str:
-        """A heading, a table, and the note."""
-        rows = [self.columns, ("---",) * len(self.columns), *([shown(cell) for cell in row] for row in self.rows)]
-        lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
-        return "\n".join([f"## {self.title}", "", *lines, *(["", self.note] if self.note else []), ""])
-
     def html(self) -> str:
         """A figure element; numbers align right."""
         head = "".join(f"<th>{escape(name)}</th>" for name in self.columns)
         own = len(self.rows) - self.quoted
         body = "".join(
-            f"{_OWN if place < own else _QUOTED}{''.join(map(_html_cell, row))}</tr>"
+            f"{'<tr>' if place < own else _QUOTED}{''.join(map(_html_cell, row))}</tr>"
             for place, row in enumerate(self.rows)
         )
         note = f"<p class='note'>{escape(self.note)}</p>" if self.note else ""
@@ -120,16 +114,12 @@ def _exact(value: float) -> str:
     return "" if math.isnan(value) else repr(float(value))
 
 
-_OWN, _QUOTED = "<tr>", "<tr class='quoted'>"
-_MARKS = {"met": "met", "missed": "missed", "open": "open"}
+_QUOTED = "<tr class='quoted'>"
+_MARKS = ("met", "missed", "open")
 
 
 def _html_cell(cell: Cell) -> str:
     text = escape(shown(cell))
-    if isinstance(cell, str):
-        return (
-            f"<td class='text'><span class='{_MARKS[cell]}'>{text}</span></td>"
-            if cell in _MARKS
-            else (f"<td class='text'>{text}</td>")
-        )
-    return f"<td>{text}</td>"
+    if cell in _MARKS:
+        text = f"<span class='{cell}'>{text}</span>"
+    return f"<td class='text'>{text}</td>" if isinstance(cell, str) else f"<td>{text}</td>"

@@ -20,31 +20,41 @@ class Verdict(NamedTuple):
     """How far the mean lies beyond the nearest value that would do, as a share of that value."""
 
 
-def at_most(target: str, values: Sequence[float], limit: float) -> Verdict:
-    """Met when the mean over seeds is no more than `limit`."""
-    return _verdict(target, f"at most {number(limit)}", values, -math.inf, limit)
+class Wanted(NamedTuple):
+    """A range in which the mean over seeds has to lie, and how it is written."""
+
+    low: float
+    high: float
+    text: str
+
+    def judge(self, target: str, values: Sequence[float]) -> Verdict:
+        """Whether the mean of `values`, one for each seed, meets the `target`."""
+        if not len(values) or math.isnan(sum(values)):
+            return Verdict(target, self.text, None, None)
+        found = spread(values)
+        nearest = min(max(found.mean, self.low), self.high)
+        met = nearest == found.mean
+        return Verdict(target, self.text, found, met, None if met else abs(found.mean / nearest - 1.0))
 
 
-def at_least(target: str, values: Sequence[float], limit: float) -> Verdict:
-    """Met when the mean over seeds is no less than `limit`."""
-    return _verdict(target, f"at least {number(limit)}", values, limit, math.inf)
+def at_most(limit: float) -> Wanted:
+    """No more than `limit`."""
+    return Wanted(-math.inf, limit, f"at most {number(limit)}")
 
 
-def between(target: str, values: Sequence[float], low: float, high: float) -> Verdict:
-    """Met when the mean over seeds lies in [low, high]."""
-    return _verdict(target, f"{number(low)} to {number(high)}", values, low, high)
+def at_least(limit: float) -> Wanted:
+    """No less than `limit`."""
+    return Wanted(limit, math.inf, f"at least {number(limit)}")
 
 
-def near(target: str, values: Sequence[float], reference: float, share: float) -> Verdict:
-    """Met when the mean over seeds is off `reference` by no more than `share` of it."""
-    wanted = f"{number(reference)} within {100 * share:.0f} %"
-    return _verdict(target, wanted, values, (1 - share) * reference, (1 + share) * reference)
+def between(low: float, high: float) -> Wanted:
+    """In [low, high]."""
+    return Wanted(low, high, f"{number(low)} to {number(high)}")
 
 
-def within(target: str, values: Sequence[float], reference: float, distance: float) -> Verdict:
-    """Met when the mean over seeds is off `reference` by no more than `distance`."""
-    wanted = f"{number(reference)} ± {number(distance)}"
-    return _verdict(target, wanted, values, reference - distance, reference + distance)
+def near(reference: float, share: float) -> Wanted:
+    """Off `reference` by no more than `share` of it."""
+    return Wanted((1 - share) * reference, (1 + share) * reference, f"{number(reference)} within {100 * share:.0f} %")
 
 
 def verdict_table(verdicts: Sequence[Verdict]) -> Table:
@@ -60,13 +70,3 @@ def verdict_table(verdicts: Sequence[Verdict]) -> Table:
         ),
         "A verdict holds for the mean over the seeds; 'open' means that this run did not include what it takes.",
     )
-
-
-def _verdict(target: str, wanted: str, values: Sequence[float], low: float, high: float) -> Verdict:
-    if not len(values) or math.isnan(sum(values)):
-        return Verdict(target, wanted, None, None)
-    found = spread(values)
-    nearest = min(max(found.mean, low), high)
-    if nearest == found.mean:
-        return Verdict(target, wanted, found, True)
-    return Verdict(target, wanted, found, False, abs(found.mean / nearest - 1.0))

@@ -36,7 +36,7 @@ from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Series
 from replay.experiments.series.recorded_zone import bridged, read_zone, samples_of
 from replay.lab.experiments.recordings import RECORDINGS
-from replay.lab.experiments.semi_synthetic.case import simulated_case
+from replay.lab.experiments.semi_synthetic.building import simulated_case
 from replay.localtime import DAY, HOUR
 from replay.simulated.semi_synthetic import PERIOD
 from service.cli.main import main

@@ -12,8 +12,7 @@ from estimator.network.presets import building_67
 from replay.experiments.hours_ahead.recordings import of_zone
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Trace, run_filter
-from replay.lab.experiments.semi_synthetic.case import simulated_case
-from replay.lab.experiments.semi_synthetic.figures import DOMINATED, figures, key, since_change
+from replay.lab.experiments.semi_synthetic.building import DOMINATED, figures, key, simulated_case, since_change
 from replay.simulated.semi_synthetic import MEASUREMENT_NOISE_SD, PERIOD, PROCESS_NOISE_SD
 from service.cli.main import main
 from service.config.load import load

@@ -97,13 +97,13 @@ def verdicts(results: Results, scenes: Mapping[str, Scene]) -> list[Verdict]:
     for name, scene in scenes.items():
         if scene.case == UNDISTURBED:
             target = f"{name}: share of the way from thermostat to perfect knowledge, cost at equal discomfort"
-            found.append(at_least(target, shares(results, name, THERMOGATE), OF_THE_WAY))
+            found.append(at_least(OF_THE_WAY).judge(target, shares(results, name, THERMOGATE)))
             continue
         own = results.values(name, THERMOGATE, DISCOMFORT)
         for label, said in ((THERMOSTAT, "that of the thermostat"), (UNTRUSTING, "that without trust")):
             others = results.values(name, label, DISCOMFORT)
             ratios = [mine / max(its, 1e-9) for mine, its in zip(own, others, strict=True)]
-            found.append(at_most(f"{name}: discomfort over {said}", ratios, 1.0))
+            found.append(at_most(1.0).judge(f"{name}: discomfort over {said}", ratios))
     return found
 
 
