@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from datetime import datetime, timedelta, timezone
 from importlib.resources import files
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -59,7 +59,9 @@ def _read() -> Iterator[tuple[str, Room]]:
     for entry in entries:
         name, channels = entry.pop("name"), entry.pop("channels")
         for room in entry.pop("rooms", [name]):
-            texts = {key: value.format(room) if isinstance(value, str) else value for key, value in entry.items()}
+            texts: dict[str, Any] = {
+                key: value.format(room) if isinstance(value, str) else value for key, value in entry.items()
+            }
             named = {channel: (column.format(room), factor) for channel, (column, factor) in channels.items()}
             yield name.format(room), Room(channels=named, **texts)
 
