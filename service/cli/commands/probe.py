@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from adapters.channel import SourceConfig
     from adapters.reading import Probe
     from adapters.scanning import Scan
-    from service.cli.progress import Waiting
     from service.config.site import Config
 
 LISTEN_SECONDS = 5.0
@@ -103,20 +102,14 @@ def _probe(arguments: argparse.Namespace) -> int:
 
 async def _probe_all(config: Config, names: Sequence[str], seconds: float) -> int:
     """Probe one source after the other, so that one that is not there does not hide the rest."""
-    from service.cli.progress import waiting_for
-
-    with waiting_for("probe", len(names), seconds) as awaited:
-        return await _probe_each(config, names, seconds, awaited)
-
-
-async def _probe_each(config: Config, names: Iterable[str], seconds: float, awaited: Waiting) -> int:
     from adapters.errors import SourceError
+    from service.cli.progress import sources_done
 
     good = True
-    for name in names:
+    for name in sources_done("probe", names):
         source = config.build_source(name)
         try:
-            probes = await awaited(source.probe(seconds))
+            probes = await source.probe(seconds)
         except SourceError as error:
             print(f"thermogate: {error}", file=sys.stderr)
             good = False

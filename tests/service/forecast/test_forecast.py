@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.forecasts import fan_of, question
-from support.site_of_rooms import PERIOD, Room, sample, worker_of
+from support.site_of_rooms import PERIOD, Room, worker_of
 
 from adapters.reading import Quality
 from service.errors import NoModel, ServiceError
@@ -133,13 +133,3 @@ def old(member: Member) -> object:
     update, back = member.part.update, 13 * PERIOD
     forecast = update.forecast
     return update._replace(forecast=forecast._replace(valid_time=forecast.valid_time - back))
-
-
-def test_a_worker_that_goes_on_answers_from_its_newest_state(workers: dict[str, ZoneWorker]) -> None:
-    worker = worker_of(Room("ekf"))
-    before = fan_of(worker, 3)
-    worker.step(sample(40, [5.0, 0.0]))
-    after = fan_of(worker, 3)
-    assert before is not None
-    assert after is not None
-    assert after.update.time == before.update.time + PERIOD

@@ -76,11 +76,3 @@ def test_a_simulation_step_by_step_is_driven_as_a_plan_is(worker: ZoneWorker) ->
     expected = mean_path(models, worker.loop.driving(first + PERIOD * np.arange(12.0), rows))
     np.testing.assert_allclose([*path, simulation.outputs()], expected, rtol=1e-12)
     np.testing.assert_array_equal(simulation.anew().outputs(), path[0])
-
-
-def test_parameters_have_the_coefficients(worker: ZoneWorker) -> None:
-    summary = worker.parameters((0.025, 0.5, 0.975))
-    assert summary is not None
-    assert summary.coefficients.shape == (len(NETWORK.terms), 3)
-    apertures = [place for place, term in enumerate(NETWORK.terms) if term.unit == "m2"]
-    assert (summary.coefficients[apertures] >= 0.0).all()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -164,18 +163,6 @@ def test_a_zone_without_an_update_tells_its_status(site: Mosquitto) -> None:
 
         wait_until(lambda: entities() == {"state", "last_sample", "problem"})
     publishing.close()
-
-
-def test_many_zones_at_once_wait_for_nobody(site: Mosquitto) -> None:
-    publishing = publisher(site.port)
-    names = [f"zone-{k}" for k in range(200)]
-    for name in names:
-        publishing.add(name)
-        publishing.publish(everything(name))
-    with Party(site.port, "thermogate/htwg/+/forecast") as watching:
-        wait_until(lambda: len(watching.newest()) == len(names))
-    publishing.close()
-    assert "mqtt-publisher" not in {thread.name for thread in threading.enumerate()}
 
 
 def mistaken(folder: Path, table: dict[str, object]) -> list[str]:

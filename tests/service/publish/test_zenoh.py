@@ -212,34 +212,6 @@ def test_it_listens_nowhere_else(configured: bool, address: str) -> None:
     assert bound == ({int(address.rsplit(":", 1)[1])} if configured else set())
 
 
-def test_many_threads_may_publish(publisher: Publisher, session: zenoh.Session) -> None:
-    subscriber = session.declare_subscriber("thermogate/htwg/*/forecast", zenoh.handlers.RingChannel(1000))
-    assert publisher.await_subscriber(180)
-    status = running("living").status()
-    failures: list[BaseException] = []
-    # No more on the way than loopback takes: what does not fit is dropped.
-    room = threading.Semaphore(8)
-
-    def work(zone: str) -> None:
-        try:
-            for step in range(50):
-                assert room.acquire(timeout=180)
-                publisher.publish(announced(zone, make_update(step), status))
-        except BaseException as error:
-            failures.append(error)
-
-    threads = [threading.Thread(target=work, args=(zone,)) for zone in ("living", "bedroom") * 2]
-    for thread in threads:
-        thread.start()
-    for number in range(200):
-        assert len(receive(subscriber, 1)) == 1, number
-        room.release()
-    for thread in threads:
-        thread.join()
-    subscriber.undeclare()
-    assert failures == []
-
-
 def test_nothing_happens_after_close(publisher: Publisher) -> None:
     publisher.close()
     publisher.close()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from typing import Any
 
 import pytest
@@ -17,7 +16,6 @@ from service.errors import ServiceError
 from service.records.asker import Asker, asked_by
 from service.records.history import HistoryRow
 from service.records.record import document
-from service.web import history as module
 from service.web.app import create_app
 from service.web.history import PAGE, history_of, written
 from service.web.limits import LARGE, Limiter
@@ -52,15 +50,6 @@ def test_pages_make_the_answer_of_one_piece(app: FastAPI, zone: FakeZone, limit:
 def test_a_zone_without_history_has_an_empty_list() -> None:
     app = create_app("htwg", {"new": FakeZone("new")}, CollectorRegistry())
     assert get(app, "/zones/new/history?limit=20000").json()["rows"] == []
-
-
-def test_rows_are_written_on_another_thread(app: FastAPI, monkeypatch: pytest.MonkeyPatch) -> None:
-    threads = []
-    own = module._listed
-    monkeypatch.setattr(module, "_listed", lambda rows: threads.append(threading.current_thread()) or own(rows))
-    assert get(app, "/zones/living/history?limit=20000").status_code == 200
-    assert threading.main_thread() not in threads
-    assert len(threads) == 3
 
 
 class Slow:

@@ -6,7 +6,6 @@ import asyncio
 import socket
 import time
 from collections.abc import AsyncIterator
-from typing import Any
 
 import pytest
 from fastapi import FastAPI, Request, Response
@@ -17,7 +16,7 @@ from support.waiting import until
 from service.publish.metrics import Metrics
 from service.web.app import create_app
 from service.web.server import server as http_server
-from service.web.server.connection import FREE_CHUNKS, PIECE, READ_BYTES, Passes
+from service.web.server.connection import FREE_CHUNKS, Passes
 from service.web.server.peers import peer_of
 from service.web.server.server import HttpServer
 
@@ -152,16 +151,6 @@ async def deaf_client(server: HttpServer, headers: str = "") -> Client:
     await deaf.send(f"GET /large?megabytes=32 HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n".encode())
     await until(lambda: any(one.unsent > 2**20 for one in server.open_connections))
     return deaf
-
-
-async def test_a_large_answer_is_given_to_the_transport_in_pieces() -> None:
-    """The transport copies what it is given, and a TLS transport twice."""
-    async with serving(small_app(), config()) as server:
-        deaf = await deaf_client(server)
-        (waiting,) = server.open_connections
-        assert waiting.transport.get_write_buffer_size() <= 3 * PIECE
-        await deaf.close()
-        await until(lambda: not server.open_connections)
 
 
 async def test_what_a_client_has_not_taken_when_the_server_stops_is_dropped() -> None:
@@ -337,26 +326,6 @@ async def test_chunks_of_a_fair_size_are_taken_however_many() -> None:
         count = 3 * FREE_CHUNKS
         await client.send(CHUNKED + (b"200\r\n" + b"x" * 512 + b"\r\n") * count + b"0\r\n\r\n")
         assert (await client.answer()).body == str(512 * count).encode()
-        await client.close()
-
-
-async def test_what_waits_for_its_turn_stays_in_the_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a busy machine turns come seldom, and hundreds of clients may send a megabyte each meanwhile."""
-    waiting: list[Any] = []
-    monkeypatch.setattr(Passes, "add", lambda self, work: waiting.append((self, work)))
-    async with serving(small_app(), config(limits={"receive_timeout": 170})) as server:
-        client = await Client.to(server)
-        head = b"POST /size HTTP/1.1\r\nHost: localhost\r\nContent-Length: 900000\r\n\r\n"
-        sending = asyncio.create_task(client.send(head + b"x" * 900_000))
-        await until(lambda: waiting)
-        await asyncio.sleep(0.1)
-        (connection,) = server.open_connections
-        assert not connection.transport.is_reading()
-        assert len(connection._arrived) <= READ_BYTES
-        monkeypatch.undo()
-        waiting[0][0].add(waiting[0][1])
-        await sending
-        assert (await client.answer()).body == b"900000"
         await client.close()
 
 

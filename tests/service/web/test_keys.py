@@ -266,9 +266,3 @@ def test_a_file_that_belongs_to_another_account_is_not_believed(file: Path) -> N
     os.chown(file, 12345, -1)
     with pytest.raises(KeyFileError, match="can be changed by other accounts"):
         read_keys(file)
-
-
-def test_the_digest_is_not_shown(file: Path) -> None:
-    create_key(file, "one", "read")
-    (key,) = read_keys(file)
-    assert key.digest not in repr(key)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from fastapi import FastAPI
 from prometheus_client import CollectorRegistry
-from support.fake_zones import PERIOD, START, FakeZone, announced, broken, doubted, make_update, running, waiting
+from support.fake_zones import PERIOD, START, FakeZone, announced, broken, doubted, running, waiting
 from support.http_client import get, problem, request
 from support.schemas import objects
 from support.served import Client, config, serving
@@ -156,16 +156,6 @@ async def whole(server: Any) -> Any:
         await client.close()
 
 
-async def test_what_changes_often_is_sent_once(zones: dict[str, FakeZone]) -> None:
-    streams = Streams()
-    with streams.opened() as news:
-        for step in range(1000):
-            streams.publish(announced("living", make_update(step), zones["living"].status()))
-        streams.publish(announced("attic", None, zones["attic"].status()))
-        assert list(await news.news()) == ["living", "attic"]
-    streams.publish(announced("living", make_update(0), zones["living"].status()))
-
-
 def test_a_key_for_some_zones_sees_these_at_a_glance(zones: dict[str, FakeZone], tmp_path: Path) -> None:
     ring = KeyRing(tmp_path / "keys.json", required=True)
     secret = create_key(tmp_path / "keys.json", "tenant", "read", ["attic"])
@@ -199,10 +189,6 @@ def test_a_series_has_gain_and_set_point_where_they_are_known(app: FastAPI, zone
     assert found["setpoint"] == [None, 20.5, *[None] * 10]
     assert (found["gain"]["unit"], found["gain"]["median"][:3]) == ("W", [None, 120.0, None])
     assert (found["gain"]["lower"][1], found["gain"]["upper"][1]) == (-50.0, 310.0)
-
-
-def test_a_zone_without_samples_has_an_empty_series(app: FastAPI) -> None:
-    assert get(app, "/zones/attic/series").json()["times"] == []
 
 
 def test_wrong_stretches_are_refused(app: FastAPI) -> None:
