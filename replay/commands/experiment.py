@@ -8,7 +8,6 @@ import sys
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from replay.experiments.catalogue import EXPERIMENTS
 from service.cli.arguments import AddCommand, whole
@@ -50,12 +49,6 @@ def add_to(add: AddCommand) -> None:
         "--state", type=Path, metavar="STATE_DIR", help="the live history of a daemon instead of a recording (topology)"
     )
     parser.add_argument("--zone", metavar="ID", help="which zone of --config or --state (default: its only one)")
-    parser.add_argument(
-        "--time-zone",
-        type=_time_zone,
-        metavar="NAME",
-        help="local time of --config's nights, such as Europe/Berlin (default: that of its recording)",
-    )
     for name, value, meaning in (
         ("--building", "NAME", "a building of EnergyPlus (control; repeatable)"),
         ("--case", "NAME", "one case (control; repeatable)"),
@@ -107,10 +100,3 @@ def _seeds(text: str) -> tuple[int, ...]:
     if not 1 <= numbers[0] <= 1000:
         raise argparse.ArgumentTypeError(f"{text} seeds; from 1 to 1000 are possible, and {text}, is seed {text} alone")
     return tuple(range(1, numbers[0] + 1))
-
-
-def _time_zone(text: str) -> str:
-    try:
-        return ZoneInfo(text).key
-    except (ZoneInfoNotFoundError, ValueError, OSError):
-        raise argparse.ArgumentTypeError(f"{text!r} is no time zone; give an IANA name such as Europe/Berlin") from None

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from tqdm import tqdm
 
-from replay.recorded.runner import SLOW
+from replay.recorded.samples import SLOW
 
 Item = TypeVar("Item")
 

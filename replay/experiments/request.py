@@ -26,7 +26,6 @@ class Request:
     state: Path | None = None
     """The state folder of a daemon, whose samples take the place of a recording."""
     zone: str | None = None
-    time_zone: str | None = None
     overrides: tuple[str, ...] = ()
     building: tuple[str, ...] = ()
     """Names of buildings of EnergyPlus."""

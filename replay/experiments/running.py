@@ -1,4 +1,4 @@
-"""`thermogate experiment`: from a request to the files of a report."""
+"""`thermogate experiment`: from a request to the files of a report, and the door to the laboratory."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from importlib import import_module
 from pathlib import Path
 
 from replay.errors import ReplayError
-from replay.experiments.catalogue import EXPERIMENTS
-from replay.experiments.checkout import laboratory
+from replay.experiments.catalogue import EXPERIMENTS, LABORATORY, laboratory
 from replay.experiments.pool import run_jobs
 from replay.experiments.request import Experiment, Request
 from replay.reports.kit.report import write_report
@@ -22,8 +21,8 @@ def run_experiment(name: str, request: Request, out: Path, *, workers: int, prog
     Finished runs are kept in `out`/runs and reused where neither their settings nor the code has changed. Raises
     ReplayError.
     """
-    entry = EXPERIMENTS[name]
-    module = laboratory(entry.module, f"experiment {name}") if entry.in_lab else import_module(entry.module)
+    place = EXPERIMENTS[name].module
+    module = laboratory(place, f"experiment {name}") if place.startswith(LABORATORY) else import_module(place)
     experiment: Experiment = module.prepare(request)
     runs = out / RUNS
     try:

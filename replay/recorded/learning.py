@@ -24,10 +24,9 @@ from adapters.fields.durations import format_duration
 from adapters.fields.times import written_time
 from replay.localtime import DAY
 from replay.recorded.doubts import doubts
-from replay.recorded.runner import SLOW, aligned
+from replay.recorded.samples import SLOW, Recorded, read_samples
 from replay.recorded.trace import Trace, Tracer
-from service.config.fitting import fingerprint, make_alignment, make_worker
-from service.config.recording import recorded
+from service.config.fitting import fingerprint, make_worker
 from service.config.site import Config, ZoneConfig
 from service.daemon.kernel_cache import guard_kernel_cache
 from service.errors import ServiceError
@@ -36,7 +35,6 @@ from service.records.update import Update
 from service.store.checkpoint import Checkpoint
 from service.store.store import Store
 from service.zone import snapshot
-from service.zone.alignment import Alignment
 from service.zone.worker import ZoneWorker
 
 _CHUNK = 500
@@ -61,23 +59,21 @@ class History(NamedTuple):
     """Share of the samples in which every input was measured."""
     longest_gap: int
     """s without a measured output at most, within the history."""
-    refused: Mapping[str, int]
-    """Refused readings by kind."""
+    recorded: Recorded
+    """The samples themselves, in order, and what was refused."""
     doubts: Sequence[str] = ()
     """What looks wrong with it, one sentence each."""
-    recorded: Sequence[Sample] = ()
-    """The samples themselves, in order."""
 
     def described(self, zone: str) -> str:
         """One line about the history of `zone`."""
         if not self.samples:
-            return f"zone '{zone}': nothing usable{_refusals(self.refused)}"
+            return f"zone '{zone}': nothing usable{self.recorded.said}"
         days = (self.last - self.first) / DAY
         gap = f"longest gap {format_duration(self.longest_gap)}" if self.longest_gap else "no gap"
         return (
             f"zone '{zone}': {self.samples} samples from {written_time(self.first)} to {written_time(self.last)} "
             f"({days:.1f} days), measured in {100 * self.measured:.0f} %, every input in {100 * self.complete:.0f} %, "
-            f"{gap}{_refusals(self.refused)}"
+            f"{gap}{self.recorded.said}"
         )
 
 
@@ -95,33 +91,14 @@ def survey(config: Config, start: float | None, end: float | None) -> dict[str, 
 
     Raises ServiceError where a source is live or cannot be read.
     """
-    return asyncio.run(_survey(config, start, end))
+    found = read_samples(config, config.zones, start, end, progress=None)
+    return {zone.id: _history(zone, found[zone.id]) for zone in config.zones}
 
 
-def learn(config: Config, histories: Mapping[str, History], *, jobs: int | None = None) -> Learned:
-    """Take the `histories` that `survey` has found for the zones of `config` into their state.
-
-    `jobs` processes learn, by default one for each core. Raises ServiceError where the state cannot be written, a
-    daemon runs on it, or it belongs to another configuration.
-    """
-    return asyncio.run(_Run(config, histories, jobs or os.cpu_count() or 1).learned())
-
-
-async def _survey(config: Config, start: float | None, end: float | None) -> dict[str, History]:
-    alignments = {zone.id: make_alignment(zone) for zone in config.zones}
-    samples: dict[str, list[Sample]] = {zone.id: [] for zone in config.zones}
-    with tqdm(unit=" samples", delay=SLOW, desc="reading", disable=None) as bar:
-        async for part in recorded(config, alignments, start, end):
-            found = [sample for sample in aligned(alignments[part.zone], part) if _within(sample, start, end)]
-            samples[part.zone] += found
-            bar.update(len(found))
-    return {zone.id: _history(zone, samples[zone.id], alignments[zone.id]) for zone in config.zones}
-
-
-def _history(zone: ZoneConfig, samples: Sequence[Sample], alignment: Alignment) -> History:
-    refused = {str(fault): count for fault, count in alignment.faults.items()}
+def _history(zone: ZoneConfig, found: Recorded) -> History:
+    samples = found.samples
     if not samples:
-        return History(0, 0, 0, 0.0, 0.0, 0, refused)
+        return History(0, 0, 0, 0.0, 0.0, 0, found)
     times = np.array([sample.time for sample in samples], dtype=np.float64)
     values = np.array([np.concatenate([sample.outputs, sample.inputs]) for sample in samples])
     known, outputs = np.isfinite(values), len(zone.network.measured)
@@ -132,63 +109,52 @@ def _history(zone: ZoneConfig, samples: Sequence[Sample], alignment: Alignment) 
         measured=float(known[:, 0].mean()),
         complete=float(known[:, outputs:].all(axis=1).mean()),
         longest_gap=int(np.diff(times[known[:, 0]]).max(initial=zone.period) - zone.period),
-        refused=refused,
+        recorded=found,
         doubts=doubts(zone, times, values),
-        recorded=samples,
     )
 
 
-def _refusals(refused: Mapping[str, int]) -> str:
-    return "; refused: " + ", ".join(f"{count} {fault}" for fault, count in refused.items()) if refused else ""
+def learn(config: Config, histories: Mapping[str, History], *, jobs: int | None = None) -> Learned:
+    """Take the `histories` that `survey` has found for the zones of `config` into their state.
+
+    `jobs` processes learn, by default one for each core. Raises ServiceError where the state cannot be written, a
+    daemon runs on it, or it belongs to another configuration.
+    """
+    zones = [zone for zone in config.zones if histories[zone.id].samples]
+    store = Store(config.site.state_dir)
+    try:
+        return asyncio.run(_learned(store, zones, histories, max(1, min(jobs or os.cpu_count() or 1, len(zones)))))
+    except ExceptionGroup as group:
+        # The first failure of a zone has ended the others.
+        first = group.exceptions[0]
+        if isinstance(first, BrokenProcessPool):
+            raise ServiceError(_ENDED) from group
+        raise first from None
+    finally:
+        store.close()
 
 
-def _within(sample: Sample, start: float | None, end: float | None) -> bool:
-    return (start is None or sample.time >= start) and (end is None or sample.time < end)
-
-
-class _Run:
-    """One run of `learn`."""
-
-    def __init__(self, config: Config, histories: Mapping[str, History], jobs: int) -> None:
-        self._config, self._histories = config, histories
-        self._zones = {zone.id: zone for zone in config.zones if histories[zone.id].samples}
-        self._jobs = max(1, min(jobs, len(self._zones)))
-        self._known: dict[str, int] = {}
-
-    async def learned(self) -> Learned:
-        store = Store(self._config.site.state_dir)
-        try:
-            async with _processes(self._jobs) as processes:
-                owners = {zone: processes[place % self._jobs] for place, zone in enumerate(self._zones)}
-                total = sum(history.samples for history in self._histories.values())
-                with tqdm(total=total, unit=" samples", delay=SLOW, desc="learning", disable=None) as bar:
-                    await self._fed(store, owners, bar)
-                loop = asyncio.get_running_loop()
-                traces = [
-                    await loop.run_in_executor(owner, _trace, zone, self._histories[zone].refused)
-                    for zone, owner in owners.items()
-                ]
-        except ExceptionGroup as group:
-            # The first failure of a zone has ended the others.
-            first = group.exceptions[0]
-            if isinstance(first, BrokenProcessPool):
-                raise ServiceError(_ENDED) from group
-            raise first from None
-        finally:
-            store.close()
-        return Learned([trace for trace in traces if trace is not None], self._known)
-
-    async def _fed(self, store: Store, owners: Mapping[str, ProcessPoolExecutor], bar: Any) -> None:
-        """Let every zone learn from what is new."""
-        async with asyncio.TaskGroup() as tasks:
-            for name, zone in self._zones.items():
-                student, samples = _Student(store, zone, owners[name], bar), self._histories[name].recorded
-                last = await student.resume()
-                new = [sample for sample in samples if last is None or sample.time > last]
-                if known := len(samples) - len(new):
-                    self._known[name] = known
-                    bar.update(known)
-                tasks.create_task(student.learn(new))
+async def _learned(store: Store, zones: Sequence[ZoneConfig], histories: Mapping[str, History], jobs: int) -> Learned:
+    """Let every zone learn from what is new, zones in turn in so many processes."""
+    total, known = sum(histories[zone.id].samples for zone in zones), {}
+    async with _processes(jobs) as processes:
+        owners = {zone.id: processes[place % jobs] for place, zone in enumerate(zones)}
+        with tqdm(total=total, unit=" samples", delay=SLOW, desc="learning", disable=None) as bar:
+            async with asyncio.TaskGroup() as tasks:
+                for zone in zones:
+                    student = _Student(store, zone, owners[zone.id], bar)
+                    samples, last = histories[zone.id].recorded.samples, await student.resume()
+                    new = [sample for sample in samples if last is None or sample.time > last]
+                    if passed := len(samples) - len(new):
+                        known[zone.id] = passed
+                        bar.update(passed)
+                    tasks.create_task(student.learn(new))
+        loop = asyncio.get_running_loop()
+        traces = [
+            await loop.run_in_executor(owner, _trace, zone, histories[zone].recorded.refused)
+            for zone, owner in owners.items()
+        ]
+    return Learned([trace for trace in traces if trace is not None], known)
 
 
 class _Student:

@@ -7,12 +7,11 @@ what each zone's model does not know.
 
 from __future__ import annotations
 
-import asyncio
 import csv
 import json
 import math
 import resource
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from importlib.metadata import version
@@ -25,22 +24,18 @@ from tqdm import tqdm
 from adapters.fields.durations import format_duration
 from adapters.fields.times import written_time
 from estimator import registry
+from replay.recorded.samples import SLOW, Recorded, read_samples
 from replay.recorded.trace import Trace, Tracer
 from replay.scores.intervals import coverage, mean_width, rmse, winkler
-from service.config.fitting import make_alignment, make_worker
-from service.config.recording import Part, recorded
+from service.config.fitting import make_worker
 from service.config.site import Config, ZoneConfig
 from service.errors import ServiceError
 from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.record import values
 from service.records.sample import Sample
 from service.records.skill import HorizonSkill, IssuedSkill
-from service.records.update import Update
-from service.zone.alignment import Alignment
 
 DAY = 86400
-SLOW = 2.0
-"""s after which a command shows how far it is."""
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
 
 
@@ -66,15 +61,20 @@ def replay_recording(
         out.mkdir(parents=True, exist_ok=True)
         # Scores of an earlier replay must not stand beside the rows of one that fails.
         (out / "summary.json").unlink(missing_ok=True)
-        with ExitStack() as stack:
+        found = read_samples(config, tables, start, end, progress=progress)
+        total = sum(len(one.samples) for one in found.values())
+        with (
+            ExitStack() as stack,
+            tqdm(total=total, unit=" samples", disable=not progress, delay=SLOW, desc="replay") as bar,
+        ):
             runs = {table.id: stack.enter_context(_recording(table, out / table.id)) for table in tables}
-            total = asyncio.run(_count(config, tables, start, end)) if progress else None
-            with tqdm(total=total, unit=" samples", disable=not progress, delay=SLOW, desc="replay") as bar:
-                asyncio.run(_feed(config, runs, start, end, bar))
-            traces = [run.trace() for run in runs.values() if run.used]
             for name, run in runs.items():
+                for sample in found[name].samples:
+                    run.take(sample)
+                    bar.update()
                 if not run.used:
-                    raise ServiceError(_unused(name, run.faults, start, end))
+                    raise ServiceError(_unused(name, found[name], start, end))
+            traces = [run.trace(found[name].refused) for name, run in runs.items()]
             for trace in traces:
                 for finding in trace.diagnosis.findings:
                     print(f"zone '{trace.zone}': {finding.finding} ({finding.subject}): {finding.sentence}")
@@ -95,7 +95,6 @@ class Run:
 
     def __init__(self, table: ZoneConfig, updates: TextIO, parameters: TextIO) -> None:
         self.table = table
-        self.alignment = make_alignment(table)
         self._worker = make_worker(table)
         self._updates = csv.writer(updates, lineterminator="\n")
         self._parameters = csv.writer(parameters, lineterminator="\n")
@@ -104,16 +103,11 @@ class Run:
         self._tracer = Tracer(table, self._worker)
         self._seconds: list[float] = []
 
-    def deliver(self, part: Part, start: float | None, end: float | None, tick: Callable[[int], object]) -> None:
-        """Align what was recorded and step through the samples that lie in [start, end), each of which `tick`s."""
-        for sample in aligned(self.alignment, part):
-            if (start is None or sample.time >= start) and (end is None or sample.time < end):
-                update = self._worker.step(sample)
-                if update is not None:
-                    self._write(update)
-            tick(1)
-
-    def _write(self, update: Update) -> None:
+    def take(self, sample: Sample) -> None:
+        """Step through `sample` and write what came of it."""
+        update = self._worker.step(sample)
+        if update is None:
+            return
         self._tracer.note(update)
         row = self._tracer.rows[-1]
         self._seconds.append(update.step_seconds)
@@ -126,14 +120,9 @@ class Run:
         """How many samples could be used."""
         return len(self._tracer.rows)
 
-    def trace(self) -> Trace:
-        """What the zone went through so far."""
-        return self._tracer.trace(self.faults)
-
-    @property
-    def faults(self) -> dict[str, int]:
-        """Refused readings by kind."""
-        return {str(fault): count for fault, count in self.alignment.faults.items()}
+    def trace(self, refused: Mapping[str, int]) -> Trace:
+        """What the zone went through so far, with the readings that were `refused`."""
+        return self._tracer.trace(refused)
 
     def summary(self, trace: Trace) -> dict[str, Any]:
         """Scores in the `one_step` convention: the interval published before y_k was seen, against y_k."""
@@ -151,7 +140,7 @@ class Run:
             "after_first_day": _scores(rows[len(first_day) :], table.levels[0]),
             "skill": _skill(() if trace.skill is None else trace.skill.longest),
             "skill_as_issued": _skill(() if trace.skill is None else trace.skill.windows[-1].as_issued),
-            "faults": self.faults,
+            "faults": trace.faults,
             "parameters": {}
             if posterior is None
             else {
@@ -195,18 +184,10 @@ def _scores(rows: list[HistoryRow], level: float) -> dict[str, float]:
     }
 
 
-def aligned(alignment: Alignment, part: Part) -> list[Sample]:
-    """The samples that `part` closes."""
-    if part.now is None:
-        return alignment.end(part.source)
-    return alignment.add(part.source, part.readings, part.now)
-
-
-def _unused(zone: str, faults: Mapping[str, int], start: float | None, end: float | None) -> str:
+def _unused(zone: str, found: Recorded, start: float | None, end: float | None) -> str:
     """Why a replay brought nothing, in one sentence."""
     period = "" if start is None and end is None else " between --start and --end"
-    refused = ", ".join(f"{count} {fault}" for fault, count in faults.items())
-    remedy = f"; refused: {refused}; look at timestamp, decimal and unit in the configuration" if refused else ""
+    remedy = f"{found.said}; look at timestamp, decimal and unit in the configuration" if found.refused else ""
     return f"zone '{zone}': no usable sample in the recording{period}{remedy}"
 
 
@@ -218,22 +199,6 @@ def _recording(table: ZoneConfig, folder: Path) -> Iterator[Run]:
         (folder / "parameters.csv").open("w", encoding="utf-8", newline="") as parameters,
     ):
         yield Run(table, updates, parameters)
-
-
-async def _count(config: Config, tables: list[ZoneConfig], start: float | None, end: float | None) -> int:
-    """How many samples the recording has for the zones `tables`: reading takes little time beside learning."""
-    alignments = {table.id: make_alignment(table) for table in tables}
-    with tqdm(unit=" samples", delay=SLOW, desc="reading") as bar:
-        async for part in recorded(config, alignments, start, end):
-            if part.zone in alignments:
-                bar.update(len(aligned(alignments[part.zone], part)))
-    return int(bar.n)
-
-
-async def _feed(config: Config, runs: dict[str, Run], start: float | None, end: float | None, bar: Any) -> None:
-    async for part in recorded(config, runs, start, end):
-        if part.zone in runs:
-            runs[part.zone].deliver(part, start, end, bar.update)
 
 
 def _cell(value: float | bool | int) -> str:

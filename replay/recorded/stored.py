@@ -18,7 +18,7 @@ from adapters.fields.times import written_time
 from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.localtime import DAY
-from replay.recorded.runner import SLOW
+from replay.recorded.samples import SLOW
 from replay.recorded.trace import Trace, Tracer
 from service.config.fitting import fingerprint, make_worker
 from service.config.site import ZoneConfig

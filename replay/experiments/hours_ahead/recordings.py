@@ -7,7 +7,7 @@ from typing import NamedTuple
 from estimator.arrays import Array
 from estimator.network.network import Network
 from replay.errors import ReplayError
-from replay.experiments.checkout import laboratory
+from replay.experiments.catalogue import laboratory
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import Series
 from replay.experiments.series.networks import chosen
@@ -50,7 +50,7 @@ def recordings(request: Request) -> list[Recording]:
     if request.config is not None:
         found = [of_zone(*chosen(request))]
     else:
-        benchmark = laboratory("experiments.recordings", "experiment hours-ahead without --config")
+        benchmark = laboratory("replay.lab.experiments.recordings", "experiment hours-ahead without --config")
         found = benchmark.at_hand(request.file, request.recording)
     return found if request.days is None else [recording.first_days(request.days) for recording in found]
 

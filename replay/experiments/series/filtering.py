@@ -15,7 +15,7 @@ from estimator.heat.known import KnownHeat
 from estimator.loop import Carried, Loop
 from estimator.network.network import Network
 from estimator.types import Estimator, Mixture, Posterior
-from replay.experiments.jobs import Arrays, Job
+from replay.experiments.jobs import Arrays
 from replay.localtime import Seconds
 from replay.scores.intervals import LEVEL, Mask
 from service.config.fitting import known_heat
@@ -77,11 +77,6 @@ class Trace(NamedTuple):
     """(K, n_theta): point estimates after y_k."""
     seconds: Array
     """Wall time of the step."""
-
-
-def filter_job(label: str, run: FilterRun) -> Job:
-    """The job of `run`."""
-    return Job(label, run.seed, run_filter, run)
 
 
 class Step(NamedTuple):

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.network.network import Network
 from estimator.offline.least_squares import Segment, fit_open_loop
-from replay.experiments.jobs import Arrays, Job
+from replay.experiments.jobs import Arrays
 from replay.experiments.series.filtering import Series
 
 
@@ -24,27 +24,9 @@ class LeastSquaresRun(NamedTuple):
     seed: int
 
 
-def least_squares_job(label: str, run: LeastSquaresRun) -> Job:
-    """The job of `run`; its arrays are `theta` (n_theta,), `rmse` [K], `at_bound` (names), and, over segments,
-    `initial_states` (n_segments, n_x)."""
-    return Job(label, run.seed, fit, run)
-
-
 def fit(run: LeastSquaresRun) -> Arrays:
-    """The arrays of the fit."""
-    result = fit_open_loop(
-        run.network,
-        run.period,
-        run.segments,
-        starts=run.starts,
-        seed=run.seed,
-    )
-    return {
-        "theta": result.theta,
-        "rmse": np.array(result.rmse),
-        "initial_states": result.initial_states,
-        "at_bound": np.array(result.at_bound, dtype=np.str_),
-    }
+    """The fit's `theta` (n_theta,)."""
+    return {"theta": fit_open_loop(run.network, run.period, run.segments, starts=run.starts, seed=run.seed).theta}
 
 
 def segments_of(series: Series, shortest: int = 2) -> list[Segment]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -14,10 +13,9 @@ from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.experiments.series.filtering import Series
 from replay.localtime import Seconds
+from replay.recorded.samples import read_samples
 from replay.recorded.stored import stored_samples
 from replay.scores.windows import Window
-from service.config.fitting import make_alignment
-from service.config.recording import recorded
 from service.config.site import Config, ZoneConfig
 from service.records.sample import Sample
 
@@ -44,20 +42,9 @@ class ZoneRecord(NamedTuple):
         return ZoneRecord(self.times[begin:end], self.period, columns)
 
 
-async def samples_of(config: Config, zone: ZoneConfig) -> list[Sample]:
-    """Every sample of `zone`, complete or not; ServiceError where a recording cannot be read."""
-    alignment, samples = make_alignment(zone), []
-    async for part in recorded(config, [zone.id], None, None):
-        if part.zone == zone.id:
-            samples += (
-                alignment.end(part.source) if part.now is None else alignment.add(part.source, part.readings, part.now)
-            )
-    return samples
-
-
 def read_zone(config: Config, table: ZoneConfig) -> ZoneRecord:
     """The recording of the zone `table` of `config`; ServiceError or ReplayError where it cannot be read."""
-    samples = asyncio.run(samples_of(config, table))
+    samples = read_samples(config, [table])[table.id].samples
     if not samples:
         raise ReplayError(
             f"zone '{table.id}': no usable sample in the recording; look at timestamp, column and unit in the "

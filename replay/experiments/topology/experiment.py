@@ -9,7 +9,7 @@ from replay.experiments.jobs import Arrays, Job
 from replay.experiments.request import Request
 from replay.experiments.series.recorded_zone import pieces
 from replay.experiments.topology.data import Recording, recordings
-from replay.experiments.topology.fit import SHORTEST, TopologyRun, fit_job, score, segments, split
+from replay.experiments.topology.fit import SHORTEST, TopologyRun, fit, score, segments, split
 from replay.experiments.topology.ranking import Fitted, rank
 from replay.experiments.topology.report import Outcome, report
 from replay.localtime import HOUR
@@ -24,7 +24,7 @@ class Topology:
     """The experiment, made ready: its recordings are read and cut into unbroken pieces."""
 
     def __init__(self, request: Request) -> None:
-        request.accept("data", "seeds", "days", "network", "config", "state", "zone", "time_zone", "overrides")
+        request.accept("seeds", "days", "config", "state", "zone", "overrides")
         self._recordings = [(recording, _pieces(recording)) for recording in recordings(request)]
 
     def jobs(self) -> list[Job]:
@@ -37,7 +37,7 @@ class Topology:
                 known, rest = split(record, windows, network.measured[0])
                 whole, before, after = (segments(record, part, network) for part in (windows, known, rest))
                 run = TopologyRun(network, record.period, whole, before, after, STARTS)
-                found.append(fit_job(f"{recording.name} {candidate.name}", run))
+                found.append(Job(f"{recording.name} {candidate.name}", 0, fit, run))
         return found
 
     def report(self, results: Sequence[Arrays]) -> Report:

@@ -11,7 +11,7 @@ from estimator.arrays import Array
 from estimator.network.network import Network
 from estimator.offline.least_squares import Segment, fit_open_loop
 from estimator.offline.open_loop import OpenLoop
-from replay.experiments.jobs import Arrays, Job
+from replay.experiments.jobs import Arrays
 from replay.experiments.series.following import follow, frozen, simulate
 from replay.experiments.series.recorded_zone import ZoneRecord
 from replay.localtime import HOUR
@@ -57,21 +57,16 @@ class TopologyScores(NamedTuple):
     days: int
 
 
-def fit_job(label: str, run: TopologyRun) -> Job:
-    """The job of `run`: arrays `theta` (n_theta,), `initial_states` (n_pieces, n_x), `at_bound` (names) and
-    `held_out_rmse`."""
-    return Job(label, 0, fit, run)
-
-
 def fit(run: TopologyRun) -> Arrays:
-    """Fit to the whole, then to the known part alone, whose parameters are tried on the rest.
+    """Fit to the whole, then to the known part alone, whose parameters are tried on the rest: arrays `theta`
+    (n_theta,), `initial_states` (n_pieces, n_x), `at_bound` (names) and `held_out_rmse`.
 
     On the rest only the temperatures of the hidden nodes at the beginning are fitted: nobody could know them.
     """
     best = fit_open_loop(run.network, run.period, run.whole, starts=run.starts)
     held_out = np.nan
     if run.known and run.rest:
-        part = fit_open_loop(run.network, run.period, run.known, starts=_fewer(run.starts))
+        part = fit_open_loop(run.network, run.period, run.known, starts=max(1, run.starts // 2))
         held_out = fit_open_loop(frozen(run.network, part.theta), run.period, run.rest, starts=1).rmse
     return {
         "theta": best.theta,
@@ -79,10 +74,6 @@ def fit(run: TopologyRun) -> Arrays:
         "at_bound": np.array(best.at_bound, dtype=np.str_),
         "held_out_rmse": np.array(held_out),
     }
-
-
-def _fewer(starts: int) -> int:
-    return max(1, starts // 2)
 
 
 def segments(record: ZoneRecord, windows: Sequence[Window], network: Network) -> list[Segment]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from replay.experiments.jobs import Arrays
-from replay.experiments.topology import tables
 from replay.experiments.topology.candidates import OWN
 from replay.experiments.topology.data import Recording
 from replay.experiments.topology.fit import KNOWN, SHORTEST
@@ -16,7 +15,33 @@ from replay.experiments.topology.ranking import COMPARABLE, Fitted
 from replay.experiments.topology.toml import AROUND, network_toml, proposal
 from replay.localtime import DAY, HOUR
 from replay.reports.kit.report import Report, Section
+from replay.reports.kit.table import Cell, Table
 from replay.scores.windows import Window
+
+COLUMNS: Mapping[str, Callable[[Fitted], Cell]] = {
+    "network": lambda entry: entry.candidate.label,
+    "sun": lambda entry: "yes" if entry.candidate.solar else "no",
+    "states": lambda entry: len(entry.candidate.network.nodes),
+    "free parameters": lambda entry: len(entry.candidate.network.free),
+    "train RMSE [K]": lambda entry: entry.scores.train_rmse,
+    "full MAE [K]": lambda entry: entry.scores.full_mae,
+    "night MAE [K]": lambda entry: entry.scores.night_mae,
+    "day MAE [K]": lambda entry: entry.scores.day_mae,
+    "held-out RMSE [K]": lambda entry: entry.scores.held_out_rmse,
+    "J_acf": lambda entry: entry.scores.j_acf,
+    "its term at 6 h": lambda entry: entry.scores.j_acf_last,
+    "loss [%]": lambda entry: 100.0 * entry.loss,
+    "parameters at a bound": lambda entry: ", ".join(entry.at_bound) or "none",
+}
+TABLE_3: tuple[tuple[Cell, ...], ...] = (
+    ("M1, paper", "no", 2, None, 0.637, 0.508, 0.314, 0.934, None, None, 0.136, None, None),
+    ("M2, paper", "no", 3, None, 0.369, 0.284, 0.284, 0.560, None, None, 0.047, None, None),
+    ("M4, paper", "no", 4, None, 0.359, 0.274, 0.256, 0.549, None, None, 0.021, None, None),
+    ("M4, paper", "yes", 4, None, 0.363, 0.277, 0.258, 0.543, None, None, 0.051, None, None),
+    ("M8, paper", "no", 5, None, 0.365, 0.277, 0.270, 0.533, None, None, 0.016, None, None),
+)
+"""What the paper found for Ecolar Home, May-June 2025. Its J_acf stands under the term at 6 h: a sum over all lags of a
+residual that is as smooth as an open-loop one cannot be as small, its last term alone can."""
 
 
 class Outcome(NamedTuple):
@@ -32,18 +57,26 @@ class Outcome(NamedTuple):
         """The one to take."""
         return self.ranked[0]
 
+    @property
+    def toml(self) -> str:
+        """The table of the network to take."""
+        taken, name = self.taken, self.recording.name
+        network = proposal(taken.candidate.network, self.fits[taken.candidate.name]["theta"], taken.at_bound)
+        reason = f"{taken.candidate.name}, found by `thermogate experiment topology` on {name}"
+        return network_toml(network, reason, self.recording.place)
+
 
 def report(outcomes: Sequence[Outcome]) -> Report:
     """The report of all recordings."""
-    files = {f"network-{outcome.recording.name}.toml": _toml(outcome) for outcome in outcomes}
+    tomls = [outcome.toml for outcome in outcomes]
     sections = [_done(outcomes)]
-    for outcome, toml in zip(outcomes, files.values(), strict=True):
+    for outcome, toml in zip(outcomes, tomls, strict=True):
         sections += [_ranking(outcome), _configure(outcome, toml)]
     return Report(
         "Which RC network to take",
         tuple(sentence for outcome in outcomes for sentence in _lead(outcome)),
-        (*sections, _limits(outcomes)),
-        files,
+        (*sections, _LIMITS),
+        {f"network-{outcome.recording.name}.toml": toml for outcome, toml in zip(outcomes, tomls, strict=True)},
     )
 
 
@@ -109,31 +142,61 @@ def _done(outcomes: Sequence[Outcome]) -> Section:
 
 
 def _ranking(outcome: Outcome) -> Section:
-    name, ours = outcome.recording.name, outcome.recording.place is None
-    return Section(
-        f"{name}: the candidates",
-        (_verdict(outcome),),
-        (tables.ranking(name, outcome.ranked, ours), tables.cross_correlation(name, outcome.ranked)),
-    )
-
-
-def _verdict(outcome: Outcome) -> str:
-    taken = outcome.taken
-    own = [entry for entry in outcome.ranked if entry.candidate.label == OWN and entry is not taken]
+    taken, name, standin = outcome.taken, outcome.recording.name, outcome.recording.place is None
     text = f"The network to take is {taken.candidate.name}. {_why(outcome)}"
-    for entry in own:
-        text += f" Your own ({entry.candidate.name}) loses {100 * entry.loss:.0f} % on average."
-    if outcome.recording.synthetic:
+    for entry in outcome.ranked:
+        if entry.candidate.label == OWN and entry is not taken:
+            text += f" Your own ({entry.candidate.name}) loses {100 * entry.loss:.0f} % on average."
+    if standin:
         text += (
             " This recording is simulated, with heat that no channel brings. A larger network that fits better has "
             "learned to pass such heat off as its own: this is a trial of the method, no finding about Ecolar Home."
         )
-    return text
+    rows = tuple(tuple(cell(entry) for cell in COLUMNS.values()) for entry in outcome.ranked)
+    quoted = TABLE_3 if standin else ()
+    ranking = Table(
+        f"ranking-{name}",
+        f"Candidates, {name}",
+        tuple(COLUMNS),
+        rows + quoted,
+        "The first row is the network to take, the others follow by loss: how far train RMSE, night MAE and "
+        "held-out RMSE lie above the best candidate in each, on geometric average.",
+        quoted=len(quoted),
+    )
+    return Section(f"{name}: the candidates", (text,), (ranking, cross_correlation(name, outcome.ranked)))
+
+
+def cross_correlation(name: str, ranked: Sequence[Fitted]) -> Table:
+    """J_xcorr of every candidate and input channel."""
+    # A second measured node of the user's own network is no input, though the others do not measure it.
+    scored = [entry.scores.j_xcorr for entry in ranked]
+    channels = tuple(channel for channel in scored[0] if all(channel in one for one in scored))
+    return Table(
+        f"cross-correlation-{name}",
+        f"J_xcorr: what of each input is left in the residual, {name}",
+        ("network", *channels),
+        tuple((entry.candidate.name, *(entry.scores.j_xcorr[channel] for channel in channels)) for entry in ranked),
+        "Sums of squared correlations over lags up to six hours.",
+    )
 
 
 def _configure(outcome: Outcome, toml: str) -> Section:
+    name, taken, rows = outcome.recording.name, outcome.taken, []
+    fitted = outcome.fits[taken.candidate.name]["theta"].tolist()
+    for parameter, value in zip(taken.candidate.network.parameters, fitted, strict=True):
+        end = "lower end" if value < (parameter.lower * parameter.upper) ** 0.5 else "upper end"
+        ended = end if parameter.name in taken.at_bound else "inside" if parameter.free else "held"
+        rows.append((parameter.name, parameter.unit, value, parameter.lower, parameter.upper, ended))
+    table = Table(
+        f"parameters-{name}",
+        f"Parameters of {taken.candidate.name}, {name}",
+        ("parameter", "unit", "fitted", "lower bound", "upper bound", "where it ended"),
+        tuple(rows),
+        "A parameter at an end of its box: the box is too narrow, or the data say nothing about it. A capacitance at "
+        "its lower end means a node that is not there, a conductance at its upper end two nodes that are one.",
+    )
     return Section(
-        f"{outcome.recording.name}: what to set",
+        f"{name}: what to set",
         (
             "Put this into the zone's table, check it with `thermogate check`, and start the zone anew with "
             f"`thermogate run --reset`. Boxes reach from a {AROUND:.0f}th to {AROUND:.0f} times the fitted value, wide "
@@ -141,28 +204,17 @@ def _configure(outcome: Outcome, toml: str) -> Section:
             "the data could not place keep their whole box.",
             f"```{toml}```",
         ),
-        (tables.parameters(outcome.recording.name, outcome.taken, outcome.fits[outcome.taken.candidate.name]),),
+        (table,),
     )
 
 
-def _toml(outcome: Outcome) -> str:
-    taken = outcome.taken
-    network = proposal(taken.candidate.network, outcome.fits[taken.candidate.name]["theta"], taken.at_bound)
-    reason = f"{taken.candidate.name}, found by `thermogate experiment topology` on {outcome.recording.name}"
-    return network_toml(network, reason, outcome.recording.place)
-
-
-def _limits(outcomes: Sequence[Outcome]) -> Section:
-    paragraphs = [
+_LIMITS = Section(
+    "How far to trust this",
+    (
         "Least squares knows no disturbances: whatever heats the room unmeasured is explained by the parameters as far "
         "as they can. So the fit chooses the structure and the middle of the boxes; the parameters themselves are for "
         "the online estimator to learn.",
         "The open-loop error has several minima: a large network that fits worse than a small one that it contains is "
         "a minimum missed, not a finding.",
-    ]
-    if any(outcome.recording.place is None for outcome in outcomes):
-        paragraphs.append(
-            "Where the paper is silent, a window restarts with the hidden temperatures that follow the measurements, "
-            "they are fitted after a gap, and J_acf and J_xcorr are summed from lags 1 and 0."
-        )
-    return Section("How far to trust this", tuple(paragraphs))
+    ),
+)

@@ -27,7 +27,7 @@ from replay.experiments.progress import steps
 from replay.experiments.request import Request
 from replay.experiments.series.recorded_zone import ZoneRecord, bridged
 from replay.lab.experiments import rooms
-from replay.lab.experiments.ecolar.experiment import configuration
+from replay.lab.experiments.ecolar.standins import configuration
 from replay.lab.experiments.semi_synthetic.building import simulated_case
 from replay.simulated import ecolar
 from replay.simulated.semi_synthetic import PERIOD as WEATHER_PERIOD

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import csv
 from pathlib import Path
 
@@ -34,10 +33,11 @@ from replay.experiments.hours_ahead.recordings import Recording
 from replay.experiments.hours_ahead.runs import HoursRun, run_hours
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Series
-from replay.experiments.series.recorded_zone import bridged, read_zone, samples_of
+from replay.experiments.series.recorded_zone import bridged, read_zone
 from replay.lab.experiments.recordings import RECORDINGS
 from replay.lab.experiments.semi_synthetic.building import simulated_case
 from replay.localtime import DAY, HOUR
+from replay.recorded.samples import read_samples
 from replay.simulated.semi_synthetic import PERIOD
 from service.cli.main import main
 from service.config.fitting import known_heat, make_worker
@@ -260,7 +260,7 @@ def test_a_recording_is_bridged_as_the_worker_bridges_it() -> None:
     config = load(ROOT / "deploy/examples/ecolar.toml", settings)
     zone = config.zones[0]
     worker, updates = make_worker(zone), []
-    for sample in asyncio.run(samples_of(config, zone)):
+    for sample in read_samples(config, [zone])[zone.id].samples:
         update = worker.step(sample)
         if update is not None:
             updates.append(update)

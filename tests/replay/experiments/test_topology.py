@@ -10,19 +10,16 @@ import numpy as np
 import pytest
 
 from estimator.network import presets
-from replay.errors import ReplayError
 from replay.experiments.request import Request
 from replay.experiments.series.recorded_zone import ZoneRecord, pieces, read_zone
 from replay.experiments.topology import experiment as topology
 from replay.experiments.topology.candidates import ecolar_candidates
 from replay.experiments.topology.data import Recording, recordings
 from replay.experiments.topology.fit import TopologyRun, TopologyScores, fit, score, segments, split
-from replay.experiments.topology.published import TABLE_3
 from replay.experiments.topology.ranking import Fitted, rank
-from replay.experiments.topology.report import Outcome, _why
-from replay.experiments.topology.tables import cross_correlation
+from replay.experiments.topology.report import TABLE_3, Outcome, _why, cross_correlation
 from replay.experiments.topology.toml import proposal
-from replay.lab.experiments.ecolar import periods
+from replay.lab.experiments.ecolar import standins
 from replay.localtime import HOUR, midnight
 from replay.scores.windows import Window
 from replay.simulated import ecolar
@@ -104,8 +101,8 @@ def test_the_simplest_of_the_comparable_is_taken() -> None:
 def test_the_rule_takes_from_the_papers_table_what_the_paper_took() -> None:
     by_name = {c.name: c for c in ecolar_candidates(True)}
     fitted = [
-        Fitted(by_name[row.label + " with sun" * row.solar], scores(row.train_rmse, row.night_mae), ())
-        for row in TABLE_3
+        Fitted(by_name[label.split(",")[0] + " with sun" * (sun == "yes")], scores(train, night), ())
+        for label, sun, _, _, train, _, night, *_ in TABLE_3
     ]
     assert rank(fitted)[0].candidate.name == "M4"
 
@@ -117,7 +114,7 @@ def test_a_worse_held_out_part_counts() -> None:
 
 def test_what_a_short_recording_does_not_tell_is_not_said() -> None:
     data = record(hours=13)
-    recording = Recording("short", "a morning", data, [], "Europe/Berlin", None)
+    recording = Recording("short", "a morning", data, [], "Europe/Berlin")
     for night, held_out, said in (
         (np.nan, np.nan, "the recording it was fitted to. No candidate"),
         (0.2, 0.4, "fitted to and within 0.40 K of the part it had not seen; nights it misses by 0.20 K on average."),
@@ -218,28 +215,13 @@ def test_a_network_that_needs_less_says_which_channel_goes(
 
 @pytest.mark.usefixtures("quick")
 def test_the_ecolar_standins_stand_beside_the_papers_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(periods, "PERIODS", ("spring",))
+    monkeypatch.setattr(standins, "PERIODS", ("spring",))
     monkeypatch.setitem(ecolar.PERIODS, "spring", ((2025, 5, 3), (2025, 5, 13)))
     assert experiment(tmp_path, "--days", "8", "--seeds", "5,") == 0
     table = (tmp_path / "ranking-spring-seed5.csv").read_text(encoding="utf-8").splitlines()
     assert len(table) == 1 + 2 + 5
     assert any(line.startswith('"M4, paper",no,4') for line in table)
     assert (tmp_path / "network-spring-seed5.toml").exists()
-
-
-def test_a_weather_file_brings_the_sun_to_a_log(tmp_path: Path) -> None:
-    log = EXAMPLES / "data" / "ecolar-standin.csv.gz"
-    plain = recordings(Request(data=(log,)))[0]
-    assert not any(candidate.solar for candidate in plain.candidates)
-    sky = tmp_path / "sky.csv"
-    stamps = np.arange(int(plain.record.times[0]) - 1200, int(plain.record.times[-1]) + 1800, 600)
-    rows = [f"{np.datetime64(int(s), 's')},9.0,{300 + i % 7}.0" for i, s in enumerate(stamps)]
-    sky.write_text("timestamp_utc,T_out_degC,GHI_W_m2\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    lit = recordings(Request(data=(log, sky)))[0]
-    assert [c.solar for c in lit.candidates] == [False, True] * 8
-    assert 300 <= np.nanmin(lit.record.columns["I_sol"]) <= np.nanmax(lit.record.columns["I_sol"]) <= 306
-    with pytest.raises(ReplayError, match="0 Ecolar logs and 1 weather files"):
-        recordings(Request(data=(sky,)))
 
 
 def test_inputs_are_held_as_long_as_the_zone_holds_them(tmp_path: Path) -> None:

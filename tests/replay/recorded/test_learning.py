@@ -186,10 +186,10 @@ def test_a_parquet_file_is_history_as_it_is(tmp_path):
     table = table.rename(columns=names)
     table["u_heat"] *= 1000.0
     plant, history = written(tmp_path)
-    expected = survey(load_history(plant, history), None, None)["room"].recorded
+    expected = survey(load_history(plant, history), None, None)["room"].recorded.samples
     for prefix in ("", "room/"):
         table.add_prefix(prefix).to_parquet(tmp_path / "history.parquet")
-        found = survey(load_history(plant, tmp_path / "history.parquet"), None, None)["room"].recorded
+        found = survey(load_history(plant, tmp_path / "history.parquet"), None, None)["room"].recorded.samples
         assert [one.time for one in found] == [one.time for one in expected]
         np.testing.assert_allclose([one.inputs for one in found], [one.inputs for one in expected])
         np.testing.assert_allclose([one.outputs for one in found], [one.outputs for one in expected])

@@ -273,8 +273,6 @@ def test_topology_takes_the_samples_of_a_daemon(replayed, state):
     np.testing.assert_array_equal(found.record.columns["T_i"], [row.y for row in whole.rows])
     np.testing.assert_array_equal(found.record.matrix(whole.network.inputs), whole.inputs)
     assert found.candidates[0].name == "own"
-    with pytest.raises(ReplayError, match="--data is an Ecolar log, and --state has samples of its own"):
-        recordings(Request(state=folder, data=(EXAMPLE,)))
 
 
 def test_the_network_that_is_found_on_live_history_is_printed(state, tmp_path, monkeypatch, capsys):

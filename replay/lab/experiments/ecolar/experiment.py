@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,42 +11,41 @@ import numpy as np
 from estimator.network.presets import network as preset
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead.recordings import of_zone
-from replay.experiments.jobs import Arrays
+from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
 from replay.experiments.request import Request, names_of
 from replay.experiments.series.filtering import FilterRun, Series, Trace
 from replay.experiments.series.least_squares import LeastSquaresRun, segments_of
 from replay.experiments.series.networks import network_of
 from replay.experiments.study import Contender, Figures, Results, Run, Study
-from replay.lab import EXAMPLES
 from replay.lab.experiments import published
-from replay.lab.experiments.ecolar.nights import DAYTIME, NightRun, night_job
+from replay.lab.experiments.ecolar.nights import DAYTIME, NightRun, score_nights
+from replay.lab.experiments.ecolar.standins import PERIODS, configuration
 from replay.localtime import DAY, HOUR, wall_clock
 from replay.reports.kit.report import Report, Section
 from replay.reports.kit.table import Table
 from replay.scores.intervals import interval_scores, rmse
-from replay.simulated.ecolar import PERIODS, ZONE, write_standin
-from service.config.load import Config, load
+from replay.simulated.ecolar import ZONE, write_standin
 
 NETWORK = "ecolar-6r4c"
 PERIOD = 300
-MEASUREMENT_SD = 0.1
-"""K, the data sheet's."""
 SEEDS = 3
 _STARTS = 4
 _SHORTEST_SEGMENT = 12
 BEST, LEAST_SQUARES = "RBPF default", "least squares, offline"
-
-
-_NOISE: Mapping[str, object] = {"measurement_sd": MEASUREMENT_SD}
-CONTENDERS = (
-    Contender("RBPF default", "rbpf", _NOISE),
-    Contender("RBPF paper", "rbpf", {"preset": "paper"}),
-    Contender("EKF default", "ekf", _NOISE),
-    Contender("EKF paper", "ekf", {"preset": "paper"}),
-    Contender("UKF default", "ukf", _NOISE),
-    Contender("UKF paper", "ukf", {"preset": "paper"}),
+_NOISE: Mapping[str, object] = {"measurement_sd": 0.1}
+"""K, the data sheet's."""
+_PAPER: Mapping[str, object] = {"preset": "paper"}
+CONTENDERS = tuple(
+    Contender(f"{name.upper()} {how}", name, options)
+    for name in ("rbpf", "ekf", "ukf")
+    for how, options in (("default", _NOISE), ("paper", _PAPER))
 )
+CONVENTIONS = {
+    "one_step": ("mean", "lower", "upper"),
+    "filtered": ("filtered_mean", "filtered_lower", "filtered_upper"),
+}
+"""The columns of a trace by convention."""
 
 
 def prepare(request: Request) -> Study:
@@ -63,18 +61,20 @@ def prepare(request: Request) -> Study:
     runs = []
     for name, series in periods.items():
         for seed in request.seeds_or(SEEDS):
-            for contender in CONTENDERS:
-                options = contender.with_particles(request.particles).options
-                run = FilterRun(contender.estimator, options, network, PERIOD, series, seed)
-                job = night_job(f"{name} {contender.label}", NightRun(run, series, ZONE))
-                runs.append(Run(name, contender.label, job))
-            fit = LeastSquaresRun(network, PERIOD, segments_of(series, _SHORTEST_SEGMENT), _STARTS, seed)
-            job = night_job(f"{name} {LEAST_SQUARES}", NightRun(fit, series, ZONE))
-            runs.append(Run(name, LEAST_SQUARES, job))
+            entered: dict[str, FilterRun | LeastSquaresRun] = {
+                one.label: FilterRun(one.estimator, one.options, network, PERIOD, series, seed)
+                for one in (contender.with_particles(request.particles) for contender in CONTENDERS)
+            }
+            segments = segments_of(series, _SHORTEST_SEGMENT)
+            entered[LEAST_SQUARES] = LeastSquaresRun(network, PERIOD, segments, _STARTS, seed)
+            runs += [
+                Run(name, label, Job(f"{name} {label}", seed, score_nights, NightRun(run, series, ZONE)))
+                for label, run in entered.items()
+            ]
     return Study(
         tuple(runs),
         lambda run, arrays: figures(periods[run.recording], arrays),
-        lambda results: _report(results, request, periods),
+        lambda results: _report(results, bool(request.data), periods),
     )
 
 
@@ -88,40 +88,36 @@ def figures(series: Series, arrays: Arrays) -> Figures:
         nights = arrays[f"nights_{when}"]
         if len(nights):
             found |= {f"median, {when}": float(np.median(nights)), f"sd, {when}": float(np.std(nights))}
-    if "mean" not in arrays:
+    if not set(Trace._fields) <= set(arrays):
         return found
-    trace = Trace(**{field: arrays[field] for field in Trace._fields})
     y, hour = series.outputs[:, 0], wall_clock(series.times, ZONE) % DAY / HOUR
     day = (hour >= DAYTIME[0]) & (hour < DAYTIME[1])
-    conventions = {
-        "one_step": (trace.mean, trace.lower, trace.upper),
-        "filtered": (trace.filtered_mean, trace.filtered_lower, trace.filtered_upper),
-    }
-    for convention, (mean, lower, upper) in conventions.items():
+    halves = {"by day": day, "otherwise": ~day}
+    for convention, columns in CONVENTIONS.items():
+        mean, lower, upper = (arrays[column] for column in columns)
         whole = interval_scores(y, lower, upper)
         found |= {
             f"{convention} coverage": whole.coverage,
-            f"{convention} by day": interval_scores(y[day], lower[day], upper[day]).coverage,
-            f"{convention} otherwise": interval_scores(y[~day], lower[~day], upper[~day]).coverage,
             f"{convention} width, K": whole.width,
             f"{convention} Winkler, K": whole.winkler,
             f"{convention} RMSE, K": rmse(mean - y),
         }
-    for name, rows in (("by day", day), ("otherwise", ~day)):
-        found[f"median alpha, {name}"] = (
-            float(np.nanmedian(trace.alpha[rows, 1])) if np.isfinite(trace.alpha[rows, 1]).any() else float("nan")
-        )
+        for name, rows in halves.items():
+            found[f"{convention} {name}"] = interval_scores(y[rows], lower[rows], upper[rows]).coverage
+    for name, rows in halves.items():
+        alpha = arrays["alpha"][rows, 1]
+        found[f"median alpha, {name}"] = float(np.nanmedian(alpha)) if np.isfinite(alpha).any() else float("nan")
     return found
 
 
-def _report(results: Results, request: Request, periods: Mapping[str, Series]) -> Report:
+def _report(results: Results, real: bool, periods: Mapping[str, Series]) -> Report:
     told = "; ".join(
         f"{name}: {len(series.times):,} complete samples in {int(series.starts.sum())} segments"
         for name, series in periods.items()
     )
     source = (
         "recorded data"
-        if request.data
+        if real
         else "synthetic stand-ins for the two recordings of the paper: a zone with five switched heaters, an adjacent "
         "room, irregular staff, doors, and sun through a shaded façade that no sensor sees"
     )
@@ -148,7 +144,16 @@ def _report(results: Results, request: Request, periods: Mapping[str, Series]) -
             Section(
                 "Can the intervals be trusted? (Table 7)",
                 ("By day (07:00 to 16:00) sun and people act that the model does not see.",),
-                (*(_calibration(results, convention) for convention in ("one_step", "filtered")), _alpha(results)),
+                (
+                    *(_calibration(results, convention) for convention in CONVENTIONS),
+                    results.table(
+                        "ecolar-alpha",
+                        "Median of alpha (Fig. 8)",
+                        {name: f"median alpha, {name}" for name in ("by day", "otherwise")},
+                        note="Where it stands higher by day there is heat that a sensor could see: sun on the façade, "
+                        "doors, people.",
+                    ),
+                ),
             ),
             Section(
                 "Is the model good for planning a night? (Table 8)",
@@ -157,50 +162,42 @@ def _report(results: Results, request: Request, periods: Mapping[str, Series]) -
                     "of a Kalman filter with its own parameters over the day before. 'Final' parameters have seen the "
                     "whole period, as in the paper; 'evening' ones only what came before the night.",
                 ),
-                (_nights(results, bool(request.data)),),
+                (
+                    results.table(
+                        "ecolar-nights",
+                        "Open-loop RMSE of the nights (Table 8), K",
+                        {"standard deviation, final" if name.startswith("sd") else name: name for name in _NIGHTS},
+                        quoted={
+                            f"{label}, paper (Table 8), {period}, real recordings": (median, sd, None)
+                            for (period, label), (median, sd) in published.ECOLAR_NIGHTS.items()
+                        },
+                        note="Only nights without a gap. Published figures are of the real recordings.",
+                    ),
+                ),
             ),
         ),
     )
 
 
+_NIGHTS = ("median, final", "sd, final", "median, evening")
+
+
 def _calibration(results: Results, convention: str) -> Table:
     names = ("coverage", "by day", "otherwise", "width, K", "Winkler, K", "RMSE, K")
     of = published.ECOLAR_CALIBRATION
-    figures_of_the_paper = (of["coverage"], None, None, of["width"], None, of["rmse"])
-    quoted = {"RBPF, paper (Table 7), real recordings, both periods": figures_of_the_paper}
+    quoted = {
+        "RBPF, paper (Table 7), real recordings, both periods": (
+            of["coverage"],
+            *(None, None, of["width"], None),
+            of["rmse"],
+        )
+    }
     return results.table(
         f"ecolar-calibration-{convention.replace('_', '-')}",
         f"Calibration, convention {convention} (Table 7)",
         {name: f"{convention} {name}" for name in names},
         quoted=quoted if convention == "filtered" else {},
         note="Nominal 95 %. RMSE is against the measurement.",
-    )
-
-
-def _alpha(results: Results) -> Table:
-    return results.table(
-        "ecolar-alpha",
-        "Median of alpha (Fig. 8)",
-        {name: f"median alpha, {name}" for name in ("by day", "otherwise")},
-        note="Where it stands higher by day there is heat that a sensor could see: sun on the façade, doors, people.",
-    )
-
-
-def _nights(results: Results, real: bool) -> Table:
-    return results.table(
-        "ecolar-nights",
-        "Open-loop RMSE of the nights (Table 8), K",
-        {
-            "median, final": "median, final",
-            "standard deviation, final": "sd, final",
-            "median, evening": "median, evening",
-        },
-        quoted={
-            f"{label}, paper (Table 8), {period}, real recordings": (median, sd, None)
-            for (period, label), (median, sd) in published.ECOLAR_NIGHTS.items()
-        },
-        note="Only nights without a gap. Published figures are of the real recordings"
-        + ("." if real else " and stand here for orientation: these stand-ins are another building."),
     )
 
 
@@ -215,8 +212,3 @@ def _read(request: Request) -> Iterator[tuple[str, Series]]:
             config = configuration(path)
             recording = of_zone(config, config.zones[0])
             yield name, (recording if request.days is None else recording.first_days(request.days)).series
-
-
-def configuration(log: Path) -> Config:
-    """The example of a zone that `log`, in Ecolar's raw layout, feeds; it is preprocessed as in paper 4.3.1."""
-    return load(EXAMPLES / "ecolar.toml", [f"sources.recording.files={json.dumps([str(log.resolve())])}"])

@@ -13,7 +13,7 @@ import numpy as np
 from estimator.arrays import Array
 from estimator.network.network import Network
 from estimator.offline.open_loop import simulate_open_loop
-from replay.experiments.jobs import Arrays, Job
+from replay.experiments.jobs import Arrays
 from replay.experiments.series.filtering import FilterRun, Series, run_filter
 from replay.experiments.series.following import follow
 from replay.experiments.series.least_squares import LeastSquaresRun, fit
@@ -34,18 +34,13 @@ class NightRun(NamedTuple):
     zone: str
 
 
-def night_job(label: str, run: NightRun) -> Job:
-    """The job of `run`: the arrays of its filter or fit, and `nights_final` and `nights_evening` [K] (n_nights,).
+def score_nights(job: NightRun) -> Arrays:
+    """The arrays of its filter or fit, and `nights_final` and `nights_evening` [K] (n_nights,).
 
     "final" are the parameters after the whole period, "evening" those learned by the night's beginning.
     """
-    return Job(label, run.run.seed, score_nights, run)
-
-
-def score_nights(job: NightRun) -> Arrays:
-    """The arrays of the run and of its nights."""
     run, series = job.run, job.series
-    windows = nights(series, run.period, job.zone)
+    windows = daily_windows(series.times, run.period, job.zone, *NIGHT)
     if isinstance(run, FilterRun):
         arrays = run_filter(run)
         final = arrays["theta"][-1]
@@ -65,11 +60,6 @@ def score_nights(job: NightRun) -> Arrays:
         "nights_final": np.array([error(final, window) for window in windows]),
         "nights_evening": np.array([error(theta, window) for theta, window in zip(by_evening, windows, strict=False)]),
     }
-
-
-def nights(series: Series, period: float, zone: str) -> list[Window]:
-    """The complete nights of `series`."""
-    return daily_windows(series.times, period, zone, *NIGHT)
 
 
 def state_at(network: Network, theta: Array, period: float, series: Series, row: int) -> Array:

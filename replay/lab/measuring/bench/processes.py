@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import gc
 import os
 import subprocess
@@ -15,11 +14,11 @@ import httpx
 import numpy as np
 
 from replay.errors import MeasurementError
-from replay.experiments.series.recorded_zone import samples_of
 from replay.lab.measuring import fleet as load
 from replay.lab.measuring.bench.rows import Row, Sizes, text
 from replay.lab.measuring.daemon import COMMAND, DaemonProcess, resident_bytes
 from replay.lab.measuring.scenario import Scenario, write, zone_ids
+from replay.recorded.samples import read_samples
 from service.config import load as configuration
 from service.config.fitting import make_alignment, make_worker
 
@@ -51,7 +50,7 @@ def memory(sizes: Sizes) -> list[Row]:
     with TemporaryDirectory(prefix="thermogate-bench-") as name:
         config = configuration.load(write(Scenario(1, sizes.particles, "building-67", None, 3), Path(name)))
         (table,) = config.zones
-        samples = asyncio.run(samples_of(config, table))
+        samples = read_samples(config, [table])[table.id].samples
     zones: list[Any] = []
     resident = []
     for count in sizes.resident_zones:

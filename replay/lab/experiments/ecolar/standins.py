@@ -1,0 +1,47 @@
+"""Synthetic stand-ins for Ecolar's recordings, read back from a file as real ones would be."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from replay.experiments.progress import steps
+from replay.experiments.series.recorded_zone import read_zone
+from replay.experiments.topology.candidates import SOLAR, ecolar_candidates
+from replay.experiments.topology.data import Recording
+from replay.lab import EXAMPLES
+from replay.localtime import midnight
+from replay.simulated import ecolar
+from replay.simulated.weather import KONSTANZ, weather
+from service.config.load import Config, load
+
+SEEDS = (2,)
+PERIODS: tuple[Literal["spring", "autumn"], ...] = ("spring", "autumn")
+
+
+def configuration(log: Path) -> Config:
+    """The example of a zone that `log`, in Ecolar's raw layout, feeds; it is preprocessed as in paper 4.3.1."""
+    return load(EXAMPLES / "ecolar.toml", [f"sources.recording.files={json.dumps([str(log.resolve())])}"])
+
+
+def standins(seeds: Sequence[int]) -> list[Recording]:
+    """Both periods for each seed, for the topology experiment, with the irradiance that drove them."""
+    wanted = [(period, seed) for seed in seeds or SEEDS for period in PERIODS]
+    return [_standin(period, seed) for period, seed in steps(wanted, "simulating")]
+
+
+def _standin(period: Literal["spring", "autumn"], seed: int) -> Recording:
+    with tempfile.TemporaryDirectory(prefix="thermogate-topology-") as folder:
+        config = configuration(ecolar.write_standin(Path(folder) / "ecolar-SYNTHETIC.csv", period, seed))
+        record = read_zone(config, config.zones[0])
+    start, end = (midnight(*day, ecolar.ZONE) for day in ecolar.PERIODS[period])
+    minutes = np.arange(start, end, ecolar.GRID_STEP)
+    sun = np.interp(record.times + record.period / 2, minutes, weather(minutes, KONSTANZ, seed).irradiance)
+    what = f"a simulated stand-in for the unpublished {period} recording of Ecolar Home (seed {seed})"
+    lit = record._replace(columns={**record.columns, SOLAR: sun})
+    return Recording(f"{period}-seed{seed}", what, lit, ecolar_candidates(True), ecolar.ZONE)
