@@ -38,9 +38,10 @@ from service.publish.metrics import Metrics
 from service.publish.sinks import Announcement, Occasion, Reports
 from service.publish.zenoh import Publisher
 from service.records.receipt import Receipt
-from service.web.app import Backend, create_app
+from service.web.app import create_app
 from service.web.keys import KeyRing, create_key
 from service.web.page import overview
+from service.web.site import Backend
 from service.zone.zone import Zone
 
 ZONES = ("rbpf", "mkf", "bank", "ekf", "arx", "waiting")

@@ -13,11 +13,10 @@ from service.config.site import Config
 from service.publish.events import Streams
 from service.publish.sinks import Sink
 from service.records.view import ZoneView
-from service.web.app import Backend, create_app
+from service.web.app import create_app
 from service.web.keys import KeyRing
-from service.web.operations import Problems, Reload
-from service.web.readings import Take
 from service.web.server.server import HttpServer
+from service.web.site import Backend, Problems, Reload, Take
 
 
 class Serving:

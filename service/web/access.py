@@ -89,7 +89,7 @@ class NoKeys:
         return False
 
 
-def caller_of(request: Request) -> Caller:
+async def caller_of(request: Request) -> Caller:
     """Dependency: who asks."""
     caller: Caller = request.scope["state"]["caller"]
     return caller
@@ -98,9 +98,8 @@ def caller_of(request: Request) -> Caller:
 Asking = Annotated[Caller, Depends(caller_of)]
 
 
-def administrator(request: Request) -> Caller:
+async def administrator(caller: Asking) -> Caller:
     """Dependency of everything that changes the daemon: who asks, with the scope admin. RequestRefused otherwise."""
-    caller = caller_of(request)
     if caller.scope != "admin":
         raise _lacking("admin")
     return caller
@@ -109,9 +108,8 @@ def administrator(request: Request) -> Caller:
 Administrator = Annotated[Caller, Depends(administrator)]
 
 
-def writer(request: Request) -> Caller:
+async def writer(caller: Asking) -> Caller:
     """Dependency of routes that take readings: who posts, with a scope that may. RequestRefused otherwise."""
-    caller = caller_of(request)
     if caller.key is None or not caller.may("write"):
         raise _lacking("write")
     return caller

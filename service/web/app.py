@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from functools import cache
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import Any
 
 from fastapi import Depends, FastAPI, Request, Response
 from fastapi.openapi.utils import get_openapi
@@ -19,23 +19,23 @@ from service.publish.events import Streams
 from service.records.view import ZoneView
 from service.web import pages as api_pages
 from service.web import problems as api_problems
+from service.web import stream
+from service.web import zones as zone_routes
 from service.web.access import ADMIN_PREFIX, OPEN_PATHS, READINGS, NoKeys, RequireKey
 from service.web.answering import json_answer
-from service.web.control.heating import heating_routes
-from service.web.control.routes import control_routes
+from service.web.control import heating
+from service.web.control import routes as control_routes
 from service.web.guard import Guard
 from service.web.keys import KeyRing
 from service.web.limits import Limiter
 from service.web.models import PostedReadings
-from service.web.operations import Problems, Reload, operation_routes
+from service.web.operations import operation_routes
+from service.web.page import room, series
 from service.web.page.overview import overview_routes
-from service.web.page.room import room_routes
-from service.web.page.series import series_routes
 from service.web.problems import Problem, problem_response
-from service.web.readings import Bodies, Take, reading_routes
+from service.web.readings import Bodies, reading_routes
 from service.web.server.bodies import GatherBody
-from service.web.stream import stream_routes
-from service.web.zones import zone_routes
+from service.web.site import Backend, Site
 
 _DESCRIPTION = """Calibrated temperature forecasts, volatility and learning gate of every zone.
 
@@ -46,21 +46,8 @@ deviations in K. A number that is not finite is null. Errors are application/pro
 SMALLEST_PACKED = 1024
 """Bytes from which an answer is compressed for a client that takes that."""
 
-
-class Backend(NamedTuple):
-    """What the routes have behind them beside the zones."""
-
-    version: str = "unknown"
-    time_zone: str | None = None
-    """Of the site (IANA), for the page and for times of day."""
-    problems: Problems = list
-    """What in the daemon does not answer."""
-    reload: Reload | None = None
-    """Reads the configuration again."""
-    take: Take | None = None
-    """Takes what is posted."""
-    streams: Streams | None = None
-    """Where the zones announce what happens; without it a stream tells what there is and no more."""
+_QUESTIONS = (zone_routes.router, control_routes.router, heating.router)
+"""The routes that read zones."""
 
 
 def create_app(
@@ -99,14 +86,19 @@ def create_app(
     app.state.answers = Counter()
     app.add_middleware(Guard, config=http, answers=app.state.answers)
     malformed = app.state.malformed_posts = Counter()
-    streams = backend.streams or Streams()
-    _include_questions(app, site, zones, limiter, backend.time_zone)
-    app.include_router(reading_routes(site, zones, backend.take, limiter, Bodies(http.limits.body, malformed)))
-    app.include_router(stream_routes(site, zones, streams))
-    app.include_router(series_routes(site, zones))
-    app.include_router(room_routes(site, backend.time_zone, zones))
-    app.include_router(overview_routes(site, backend.time_zone, zones, streams))
-    app.include_router(operation_routes(zones, metrics_registry, backend.version, backend.problems, backend.reload))
+    made = app.state.site = Site(site, zones, limiter, backend.streams or Streams(), backend)
+    of_the_daemon = operation_routes(made, metrics_registry)
+    readings = reading_routes(made, Bodies(http.limits.body, malformed))
+    for router in (
+        *_QUESTIONS,
+        readings,
+        stream.router,
+        series.router,
+        room.router,
+        overview_routes(made),
+        of_the_daemon,
+    ):
+        app.include_router(router)
     api_pages.install(app)
     app.add_route("/openapi.json", _described(app), include_in_schema=False)
     return app
@@ -118,19 +110,10 @@ def create_questions(site: str, zones: Mapping[str, ZoneView], time_zone: str | 
         docs_url=None, redoc_url=None, openapi_url=None, dependencies=[Depends(api_problems.known_parameters)]
     )
     api_problems.install(app)
-    _include_questions(app, site, zones, Limiter(), time_zone)
-    return app
-
-
-def _include_questions(
-    app: FastAPI, site: str, zones: Mapping[str, ZoneView], limiter: Limiter, time_zone: str | None
-) -> None:
-    for router in (
-        zone_routes(site, zones, limiter),
-        control_routes(site, zones, limiter),
-        heating_routes(site, time_zone, zones),
-    ):
+    app.state.site = Site(site, zones, Limiter(), Streams(), Backend(time_zone=time_zone))
+    for router in _QUESTIONS:
         app.include_router(router)
+    return app
 
 
 def _described(app: FastAPI) -> Callable[[Request], Response]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 import time
-from collections.abc import Awaitable, Callable, Mapping
 from http import HTTPStatus
 
 from fastapi import APIRouter, Request, Response
@@ -22,25 +21,14 @@ from service.web.answering import json_answer
 from service.web.models import HealthPayload, ReadyPayload, ReloadPayload, ZoneReadiness
 from service.web.problems import RETRY_SECONDS, documented
 from service.web.server.refusal import RequestRefused, few
+from service.web.site import Site
 
 _log = logging.getLogger(__name__)
 
-Problems = Callable[[], list[str]]
-"""What in the daemon does not answer, one sentence each."""
 
-Reload = Callable[[], Awaitable[str]]
-"""Reads the configuration again and says what was done; raises ReloadRefused."""
-
-
-def operation_routes(
-    zones: Mapping[str, ZoneView],
-    registry: CollectorRegistry,
-    version: str,
-    problems: Problems,
-    reload: Reload | None,
-) -> APIRouter:
+def operation_routes(site: Site, metrics_registry: CollectorRegistry) -> APIRouter:
     """Routes about the daemon as a whole."""
-    router = APIRouter(tags=["operations"])
+    router, backend = APIRouter(tags=["operations"]), site.backend
     started = time.monotonic()
 
     @router.get(
@@ -50,9 +38,9 @@ def operation_routes(
         summary="The process is alive: event loop, estimator and journal answer",
     )
     async def healthz(request: Request) -> Response:
-        if found := problems():
+        if found := backend.problems():
             raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, found, retry_after=RETRY_SECONDS)
-        payload = HealthPayload(version if may_read(request) else None, time.monotonic() - started)
+        payload = HealthPayload(backend.version if may_read(request) else None, time.monotonic() - started)
         return json_answer(to_json(payload))
 
     @router.get(
@@ -62,7 +50,7 @@ def operation_routes(
         summary="Every zone is fed and fresh, and how old what each knows is",
     )
     def readyz() -> Response:
-        every = [(zone, zone.status()) for zone in zones.values()]
+        every = [(zone, zone.status()) for zone in site.zones.values()]
         behind = [(zone, status) for zone, status in every if status.state != "running"]
         if behind:
             # Those that failed come first, then those that are stalled.
@@ -86,7 +74,7 @@ def operation_routes(
     def metrics(request: Request) -> Response:
         # Written in a thread: with many zones it is megabytes, for which the event loop must not wait.
         encode, media_type = choose_encoder(request.headers.get("accept", ""))
-        return Response(encode(registry), headers={"Content-Type": media_type})
+        return Response(encode(metrics_registry), headers={"Content-Type": media_type})
 
     @router.post(
         "/admin/reload",
@@ -97,9 +85,9 @@ def operation_routes(
     async def reload_configuration(caller: Administrator) -> Response:
         _log.info("asked to reload the configuration with the API key '%s'", caller.name)
         try:
-            if reload is None:
+            if backend.reload is None:
                 raise ReloadRefused(["this daemon has no configuration file to read again"])
-            done = await reload()
+            done = await backend.reload()
         except ReloadRefused as error:
             # The request is right; the file, or what runs, stands against it.
             raise RequestRefused(HTTPStatus.CONFLICT, error.problems, errors=error.problems) from error

@@ -8,7 +8,7 @@ import logging
 import time
 import zlib
 from collections import Counter
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from http import HTTPStatus
 from itertools import islice
 from typing import Annotated, Any, NamedTuple
@@ -22,14 +22,14 @@ from adapters.reading import Fault, Quality
 from service.pauses import Seldom
 from service.records.receipt import Receipt
 from service.records.record import document_of
-from service.records.view import ZoneView
 from service.web.access import Caller, Writer, find_zone
 from service.web.answering import answer
-from service.web.limits import POSTS, Limiter
+from service.web.limits import POSTS
 from service.web.models import PostedReading, PostedReadings, ReadingsQuery
 from service.web.problems import documented, invalid, sentence_of
 from service.web.server.bodies import unread_json
 from service.web.server.refusal import MOST_SENTENCES, RequestRefused
+from service.web.site import Site
 
 MAX_VALUES = 20_000
 """Values in one request."""
@@ -52,10 +52,6 @@ _TAKEN = document_of(Receipt, of_a_zone=False, name="ReadingsPayload")
 _log = logging.getLogger(__name__)
 
 
-Take = Callable[[Sequence[Posted], str | None], Awaitable[Receipt]]
-"""Takes what was posted, for all zones or one; what is accepted is durable on return. Raises ServiceError."""
-
-
 class Bodies(NamedTuple):
     """What bodies may be, and were."""
 
@@ -65,10 +61,8 @@ class Bodies(NamedTuple):
     """Posts that could not be read, by kind."""
 
 
-def reading_routes(
-    site: str, zones: Mapping[str, ZoneView], take: Take | None, limiter: Limiter, bodies: Bodies
-) -> APIRouter:
-    """Routes that take readings through `take` (None: there is nobody to take them)."""
+def reading_routes(site: Site, bodies: Bodies) -> APIRouter:
+    """Routes that take readings."""
     router = APIRouter(tags=["readings"])
     responses = documented(400, 401, 403, 404, 409, 413, 415, 422, 429, 500, 503)
     body = {"requestBody": _documented_body()}
@@ -94,9 +88,10 @@ def reading_routes(
     async def take_readings_of_zone(
         zone: str, request: Request, caller: Writer, query: Annotated[ReadingsQuery, Query()]
     ) -> Response:
-        return await answered(request, query, caller, find_zone(zones, zone, caller).id)
+        return await answered(request, query, caller, find_zone(site.zones, zone, caller).id)
 
     async def answered(request: Request, query: ReadingsQuery, caller: Caller, zone: str | None) -> Response:
+        take = site.backend.take
         if take is None:
             raise RequestRefused(HTTPStatus.CONFLICT, ["nobody takes readings here"])
         try:
@@ -105,7 +100,7 @@ def reading_routes(
             # Nobody is there to hear an answer, or a refusal has been sent already.
             return Response()
         # Who sends slowly keeps nobody waiting: the turn begins with the whole body.
-        async with limiter.turn(POSTS):
+        async with site.limiter.turn(POSTS):
             # A large body takes its time, for which the event loop must not wait.
             try:
                 posted = await asyncio.to_thread(read, body, request.headers, query.precision, bodies.limit)
@@ -113,7 +108,7 @@ def reading_routes(
                 complaints.note(error, request.headers, caller.name)
                 raise
             taken = await take(posted, zone)
-        return answer(taken, site)
+        return answer(taken, site.id)
 
     return router
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Annotated
 
@@ -23,10 +23,9 @@ from service.records.record import document_of, enclosed
 from service.records.skill import Skill
 from service.records.view import ZoneView
 from service.web import planned
-from service.web.access import Asking, find_zone
+from service.web.access import Asking
 from service.web.answering import answer, asked, epoch, json_answer, newest, no_forecast
 from service.web.history import written
-from service.web.limits import Limiter
 from service.web.models import (
     ChannelPayload,
     ForecastQuery,
@@ -43,122 +42,123 @@ from service.web.models import (
 )
 from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
+from service.web.site import Asked, Here, Site
 
 _HOUR = 3600.0
 
 
-def zone_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -> APIRouter:
-    """Routes over `zones`, whichever there are when a request comes."""
-    router = APIRouter(prefix="/zones", tags=["zones"])
+router = APIRouter(prefix="/zones", tags=["zones"])
 
-    def current(view: ZoneView, payload: ForecastPayload) -> Response:
-        return answer(vouched(payload, view.status(), view.surroundings.limits), site, view.id)
 
-    @router.get(
-        "",
-        response_model=document_of(ZonesPayload, of_a_zone=False),
-        responses=documented(422, 500),
-        summary="Every zone and how it is doing",
-    )
-    def list_zones(caller: Asking, query: Annotated[ZonesQuery, Query()]) -> Response:
-        seen = [name for name in zones if caller.sees(name)]
-        page = _page(seen, query)
-        last = page[-1] if page and page[-1] != seen[-1] else None
-        found = [zones[name] for name in page if name in zones]
-        return answer(ZonesPayload(tuple(map(_summary, found)), last), site)
+@router.get(
+    "",
+    response_model=document_of(ZonesPayload, of_a_zone=False),
+    responses=documented(422, 500),
+    summary="Every zone and how it is doing",
+)
+def list_zones(site: Here, caller: Asking, query: Annotated[ZonesQuery, Query()]) -> Response:
+    seen = [name for name in site.zones if caller.sees(name)]
+    page = _page(seen, query)
+    last = page[-1] if page and page[-1] != seen[-1] else None
+    found = [site.zones[name] for name in page if name in site.zones]
+    return answer(ZonesPayload(tuple(map(_summary, found)), last), site.id)
 
-    @router.get(
-        "/{zone}",
-        response_model=document_of(ZonePayload),
-        responses=documented(404, 422, 500),
-        summary="One zone: channels, parameters, status, faults",
-    )
-    async def show_zone(zone: str, caller: Asking) -> Response:
-        return answer(_description(site, find_zone(zones, zone, caller)), site, zone)
 
-    @router.get(
-        "/{zone}/forecast",
-        response_model=document_of(ForecastPayload) | document_of(FanPayload),
-        responses=documented(404, 422, 500, 503),
-        summary="The standing forecast; with ?horizon= what follows it, inputs foreseen",
-    )
-    async def forecast(zone: str, caller: Asking, query: Annotated[ForecastQuery, Query()]) -> Response:
-        view = find_zone(zones, zone, caller)
-        update = newest(view)
-        published = published_levels(update)
-        levels = query.level or published
-        if query.horizon is None and set(levels) <= set(published):
-            return current(view, ForecastPayload.of(update, levels))
-        request = ForecastRequest([view], query.horizon or 0.0, levels)
-        if query.horizon is None:
-            return current(view, refined(await _fan(view, request)))
-        bound(request)
-        return current(view, FanPayload.of_steps(await _fan(view, request)))
+@router.get(
+    "/{zone}",
+    response_model=document_of(ZonePayload),
+    responses=documented(404, 422, 500),
+    summary="One zone: channels, parameters, status, faults",
+)
+async def show_zone(site: Here, view: Asked) -> Response:
+    return answer(_description(site.id, view), site.id, view.id)
 
-    @router.post(
-        "/{zone}/forecast",
-        response_model=document_of(FanPayload),
-        responses=documented(400, 404, 422, 500, 503),
-        summary="The forecast under planned inputs: what a controller asks",
-    )
-    async def forecast_under_plan(zone: str, caller: Asking, body: planned.ForecastRequest) -> Response:
-        view = find_zone(zones, zone, caller)
-        newest(view)
-        request = ForecastRequest(
-            [view], body.horizon, body.levels, [Plan(inputs={zone: planned.inputs_of(body.inputs)})]
+
+@router.get(
+    "/{zone}/forecast",
+    response_model=document_of(ForecastPayload) | document_of(FanPayload),
+    responses=documented(404, 422, 500, 503),
+    summary="The standing forecast; with ?horizon= what follows it, inputs foreseen",
+)
+async def forecast(site: Here, view: Asked, query: Annotated[ForecastQuery, Query()]) -> Response:
+    update = newest(view)
+    published = published_levels(update)
+    levels = query.level or published
+    if query.horizon is None and set(levels) <= set(published):
+        return _current(site, view, ForecastPayload.of(update, levels))
+    request = ForecastRequest([view], query.horizon or 0.0, levels)
+    if query.horizon is None:
+        return _current(site, view, refined(await _fan(view, request)))
+    bound(request)
+    return _current(site, view, FanPayload.of_steps(await _fan(view, request)))
+
+
+@router.post(
+    "/{zone}/forecast",
+    response_model=document_of(FanPayload),
+    responses=documented(400, 404, 422, 500, 503),
+    summary="The forecast under planned inputs: what a controller asks",
+)
+async def forecast_under_plan(site: Here, view: Asked, body: planned.ForecastRequest) -> Response:
+    newest(view)
+    plan = Plan(inputs={view.id: planned.inputs_of(body.inputs)})
+    request = ForecastRequest([view], body.horizon, body.levels, [plan])
+    bound(request)
+    if found := mistakes(request):
+        raise invalid([f"field 'inputs.{one.channel}' {one.sentence}" for one in found])
+    return _current(site, view, FanPayload.of_steps(await _fan(view, request), body.inputs))
+
+
+@router.get(
+    "/{zone}/parameters",
+    response_model=document_of(ParametersPayload),
+    responses=documented(404, 422, 500, 503),
+    summary="Posterior quantiles of the parameters, time constants and the heat-loss coefficient",
+)
+async def parameters(site: Here, view: Asked, query: Annotated[ParametersQuery, Query()]) -> Response:
+    found = await asked(view, ParametersQuestion(tuple(query.level)))
+    return answer(_parameters(view, query.level, *found), site.id, view.id)
+
+
+@router.get(
+    "/{zone}/skill",
+    response_model=document_of(Skill),
+    responses=documented(404, 422, 500, 503),
+    summary="What the zone's own forecasts were worth: one step, 1 h, 6 h and 24 h ahead",
+)
+async def skill(site: Here, view: Asked) -> Response:
+    return answer(await asked(view, SkillQuestion()), site.id, view.id)
+
+
+@router.get(
+    "/{zone}/gain",
+    response_model=document_of(GainPayload),
+    responses=documented(404, 422, 500, 503),
+    summary="Unmeasured heat into the zone and the noise of its sensors, where the estimator knows of them",
+)
+async def gain(site: Here, view: Asked) -> Response:
+    payload = GainPayload.of(newest(view))
+    if payload is None:
+        sentence = (
+            f"the estimator '{view.estimator}' of zone '{view.id}' has no model of unmeasured heat; mkf and bank do"
         )
-        bound(request)
-        if found := mistakes(request):
-            raise invalid([f"field 'inputs.{one.channel}' {one.sentence}" for one in found])
-        return current(view, FanPayload.of_steps(await _fan(view, request), body.inputs))
+        raise RequestRefused(HTTPStatus.NOT_FOUND, [sentence])
+    return answer(payload, site.id, view.id)
 
-    @router.get(
-        "/{zone}/parameters",
-        response_model=document_of(ParametersPayload),
-        responses=documented(404, 422, 500, 503),
-        summary="Posterior quantiles of the parameters, time constants and the heat-loss coefficient",
-    )
-    async def parameters(zone: str, caller: Asking, query: Annotated[ParametersQuery, Query()]) -> Response:
-        view = find_zone(zones, zone, caller)
-        found = await asked(view, ParametersQuestion(tuple(query.level)))
-        return answer(_parameters(view, query.level, *found), site, zone)
 
-    @router.get(
-        "/{zone}/skill",
-        response_model=document_of(Skill),
-        responses=documented(404, 422, 500, 503),
-        summary="What the zone's own forecasts were worth: one step, 1 h, 6 h and 24 h ahead",
-    )
-    async def skill(zone: str, caller: Asking) -> Response:
-        return answer(await asked(find_zone(zones, zone, caller), SkillQuestion()), site, zone)
+@router.get(
+    "/{zone}/history",
+    response_model=document_of(History),
+    responses=documented(404, 422, 500, 503),
+    summary="Past samples against the forecasts that stood before them",
+)
+async def history(site: Here, view: Asked, query: Annotated[HistoryQuery, Query()]) -> Response:
+    start, end = epoch(query.start), epoch(query.end)
+    return json_answer(await written(site.id, view, start, end, query.limit, site.limiter))
 
-    @router.get(
-        "/{zone}/gain",
-        response_model=document_of(GainPayload),
-        responses=documented(404, 422, 500, 503),
-        summary="Unmeasured heat into the zone and the noise of its sensors, where the estimator knows of them",
-    )
-    async def gain(zone: str, caller: Asking) -> Response:
-        view = find_zone(zones, zone, caller)
-        payload = GainPayload.of(newest(view))
-        if payload is None:
-            sentence = (
-                f"the estimator '{view.estimator}' of zone '{zone}' has no model of unmeasured heat; mkf and bank do"
-            )
-            raise RequestRefused(HTTPStatus.NOT_FOUND, [sentence])
-        return answer(payload, site, zone)
 
-    @router.get(
-        "/{zone}/history",
-        response_model=document_of(History),
-        responses=documented(404, 422, 500, 503),
-        summary="Past samples against the forecasts that stood before them",
-    )
-    async def history(zone: str, caller: Asking, query: Annotated[HistoryQuery, Query()]) -> Response:
-        view = find_zone(zones, zone, caller)
-        return json_answer(await written(site, view, epoch(query.start), epoch(query.end), query.limit, limiter))
-
-    return router
+def _current(site: Site, view: ZoneView, payload: ForecastPayload) -> Response:
+    return answer(vouched(payload, view.status(), view.surroundings.limits), site.id, view.id)
 
 
 def _page(names: Sequence[str], query: ZonesQuery) -> Sequence[str]:

@@ -17,8 +17,9 @@ from support.waiting import PATIENCE
 
 from service.forecast.ahead import LookingAhead
 from service.publish.events import Streams
-from service.web.app import Backend, create_app
+from service.web.app import create_app
 from service.web.server.server import HttpServer
+from service.web.site import Backend
 
 KEPT = 300
 """Updates that a zone keeps: a day of 5 min, and no more, however long a test streams."""

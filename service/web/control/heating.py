@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
-from datetime import UTC, tzinfo
+from datetime import UTC
 from http import HTTPStatus
 from typing import Annotated
 from zoneinfo import ZoneInfo
@@ -37,6 +36,7 @@ from service.web.models import Query as Parameters
 from service.web.planned import PlannedInput, named_apart, values_of
 from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
+from service.web.site import Asked, Here
 
 _AT_ONCE = 4
 """Zones of a site's demand that are asked at once."""
@@ -96,89 +96,84 @@ class WhatIfBody(_Body):
     price: PlannedInput | None = Field(default=None, description="of a kWh, in any currency, as inputs are planned")
 
 
-def heating_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneView]) -> APIRouter:
-    """Routes over `zones`, whichever there are when a request comes; times of day are in the `time_zone` (IANA) of the
-    site, or in UTC."""
-    router = APIRouter(tags=["heating"])
-    local: tzinfo = UTC if time_zone is None else ZoneInfo(time_zone)
+router = APIRouter(tags=["heating"])
 
-    @router.get(
-        "/zones/{zone}/preheat",
-        response_model=document_of(Preheat),
-        responses=documented(404, 409, 422, 500, 503),
-        summary="The latest time to raise the set-point for the zone to be warm in time",
-    )
-    async def preheat(zone: str, caller: Asking, query: Annotated[PreheatQuery, Query()]) -> Response:
-        view = find_zone(zones, zone, caller)
-        _check(view, 1, query.target, "query parameter 'target'")
-        start = newest(view).forecast.valid_time
-        try:
-            by = moment(query.by, start, local)
-            check_until(by, start, view.period)
-        except PlanError as error:
-            raise invalid([f"query parameter 'by' {error}"]) from None
-        question = PreheatQuestion(query.target, by, query.probability, query.tolerance)
-        return answer(await _answer(view, by - start, question), site, zone)
 
-    @router.post(
-        "/zones/{zone}/demand",
-        response_model=document_of(Demand),
-        responses=documented(400, 404, 409, 422, 500, 503),
-        summary="The energy that the zone's thermostat will call for, hour by hour",
-    )
-    async def demand(zone: str, caller: Asking, body: DemandBody) -> Response:
-        view = find_zone(zones, zone, caller)
-        called = await _answer(view, body.horizon, _demand(view, body))
-        return answer(called.demand, site, zone)
+@router.get(
+    "/zones/{zone}/preheat",
+    response_model=document_of(Preheat),
+    responses=documented(404, 409, 422, 500, 503),
+    summary="The latest time to raise the set-point for the zone to be warm in time",
+)
+async def preheat(site: Here, view: Asked, query: Annotated[PreheatQuery, Query()]) -> Response:
+    _check(view, 1, query.target, "query parameter 'target'")
+    start, zone = newest(view).forecast.valid_time, site.backend.time_zone
+    try:
+        by = moment(query.by, start, UTC if zone is None else ZoneInfo(zone))
+        check_until(by, start, view.period)
+    except PlanError as error:
+        raise invalid([f"query parameter 'by' {error}"]) from None
+    question = PreheatQuestion(query.target, by, query.probability, query.tolerance)
+    return answer(await _answer(view, by - start, question), site.id, view.id)
 
-    @router.post(
-        "/demand",
-        response_model=document_of(SiteDemand, of_a_zone=False),
-        responses=documented(400, 404, 422, 500, 503),
-        summary="The energy that the thermostats of several zones will call for, and its sum",
-    )
-    async def site_demand(caller: Asking, body: SiteDemandBody) -> Response:
-        seen = [zone for zone in zones if caller.sees(zone)]
-        wanted = [find_zone(zones, zone, caller) for zone in dict.fromkeys(body.zones or seen)]
-        turns = asyncio.Semaphore(_AT_ONCE)
 
-        async def called(view: ZoneView) -> Called | str:
-            async with turns:
-                try:
-                    return await _answer(view, body.horizon, _demand(view, body))
-                except RequestRefused as refused:
-                    if refused.status == HTTPStatus.UNPROCESSABLE_ENTITY:
-                        raise
-                    return str(refused)
-                except Away as error:
-                    return str(error)
+@router.post(
+    "/zones/{zone}/demand",
+    response_model=document_of(Demand),
+    responses=documented(400, 404, 409, 422, 500, 503),
+    summary="The energy that the zone's thermostat will call for, hour by hour",
+)
+async def demand(site: Here, view: Asked, body: DemandBody) -> Response:
+    called = await _answer(view, body.horizon, _demand(view, body))
+    return answer(called.demand, site.id, view.id)
 
-        found = dict(zip((view.id for view in wanted), await asyncio.gather(*map(called, wanted)), strict=True))
-        totals = [one.total for one in found.values() if isinstance(one, Called)]
-        summed = await asyncio.to_thread(together, totals)
-        rows = [
-            ZoneTotal(zone, None, one) if isinstance(one, str) else ZoneTotal(zone, one.demand.total)
-            for zone, one in found.items()
-        ]
-        return answer(SiteDemand(body.horizon, summed, rows), site)
 
-    @router.post(
-        "/zones/{zone}/what-if",
-        response_model=document_of(Comparison),
-        responses=documented(400, 404, 409, 422, 500, 503),
-        summary="What other plans of set-points change: energy, cost, hours below the set-point",
-    )
-    async def what_if(zone: str, caller: Asking, body: WhatIfBody) -> Response:
-        view = find_zone(zones, zone, caller)
-        steps = _steps(view, body.horizon, len(body.plans))
-        courses = [
-            Course(one.name, _check(view, steps, one.T_set, f"field 'plans[{place}].T_set'"))
-            for place, one in enumerate(body.plans)
-        ]
-        price = None if body.price is None else _check(view, steps, body.price, "field 'price'", limited=False)
-        return answer(await _answer(view, body.horizon, CompareQuestion(steps, courses, price)), site, zone)
+@router.post(
+    "/demand",
+    response_model=document_of(SiteDemand, of_a_zone=False),
+    responses=documented(400, 404, 422, 500, 503),
+    summary="The energy that the thermostats of several zones will call for, and its sum",
+)
+async def site_demand(site: Here, caller: Asking, body: SiteDemandBody) -> Response:
+    seen = [zone for zone in site.zones if caller.sees(zone)]
+    wanted = [find_zone(site.zones, zone, caller) for zone in dict.fromkeys(body.zones or seen)]
+    turns = asyncio.Semaphore(_AT_ONCE)
 
-    return router
+    async def called(view: ZoneView) -> Called | str:
+        async with turns:
+            try:
+                return await _answer(view, body.horizon, _demand(view, body))
+            except RequestRefused as refused:
+                if refused.status == HTTPStatus.UNPROCESSABLE_ENTITY:
+                    raise
+                return str(refused)
+            except Away as error:
+                return str(error)
+
+    found = dict(zip((view.id for view in wanted), await asyncio.gather(*map(called, wanted)), strict=True))
+    totals = [one.total for one in found.values() if isinstance(one, Called)]
+    summed = await asyncio.to_thread(together, totals)
+    rows = [
+        ZoneTotal(zone, None, one) if isinstance(one, str) else ZoneTotal(zone, one.demand.total)
+        for zone, one in found.items()
+    ]
+    return answer(SiteDemand(body.horizon, summed, rows), site.id)
+
+
+@router.post(
+    "/zones/{zone}/what-if",
+    response_model=document_of(Comparison),
+    responses=documented(400, 404, 409, 422, 500, 503),
+    summary="What other plans of set-points change: energy, cost, hours below the set-point",
+)
+async def what_if(site: Here, view: Asked, body: WhatIfBody) -> Response:
+    steps = _steps(view, body.horizon, len(body.plans))
+    courses = [
+        Course(one.name, _check(view, steps, one.T_set, f"field 'plans[{place}].T_set'"))
+        for place, one in enumerate(body.plans)
+    ]
+    price = None if body.price is None else _check(view, steps, body.price, "field 'price'", limited=False)
+    return answer(await _answer(view, body.horizon, CompareQuestion(steps, courses, price)), site.id, view.id)
 
 
 def _demand(view: ZoneView, body: DemandBody) -> DemandQuestion:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from http import HTTPStatus
 from typing import Annotated
@@ -21,7 +21,6 @@ from service.forecast.site import neighbourhood
 from service.records.fan import Fan
 from service.records.record import document, document_of, to_json, with_items
 from service.records.trust import Trust
-from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
 from service.web.answering import answer, asked, json_answer, no_forecast
 from service.web.control.answers import model_npz, zone_forecast
@@ -31,10 +30,11 @@ from service.web.control.models import (
     SiteForecastPayload,
     SiteForecastRequest,
 )
-from service.web.limits import LARGE, Limiter
+from service.web.limits import LARGE
 from service.web.planned import inputs_of
 from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
+from service.web.site import Asked, Here
 
 NPZ = "application/x-npz"
 
@@ -42,73 +42,70 @@ MANY_NUMBERS = 100_000
 """From so many numbers on an answer is made in turn with others."""
 
 
-def control_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -> APIRouter:
-    """Routes over `zones`, whichever there are when a request comes."""
-    router = APIRouter(tags=["control"])
+router = APIRouter(tags=["control"])
 
-    @router.get(
-        "/zones/{zone}/model",
-        response_model=document_of(ModelPayload),
-        responses=documented(404, 422, 500, 503) | {200: {"content": {NPZ: {"schema": {"type": "string"}}}}},
-        summary="State-space matrices: posterior mean and draws, state, covariance; JSON, or npz by Accept",
-    )
-    async def model(
-        zone: str,
-        caller: Asking,
-        query: Annotated[ModelQuery, Query()],
-        accept: Annotated[str, Header()] = "application/json",
-    ) -> Response:
-        view = find_zone(zones, zone, caller)
-        if query.step is not None and query.step > DAY:
-            raise invalid([f"step {format_duration(query.step)} is longer than a day"])
-        periods = 1 if query.step is None else whole_steps(query.step, view.period, "step")
-        try:
-            found = await asked(view, ModelQuestion(periods, query.draws, view.estimator))
-        except NoModel as error:
-            sentence = f"the estimator '{view.estimator}' of zone '{zone}' has no model: {error}"
-            raise RequestRefused(HTTPStatus.NOT_FOUND, [sentence]) from None
-        # On a thread: a large one would hold the event loop.
-        write, kind = (model_npz, NPZ) if NPZ in accept else (document, "application/json")
-        return Response(await asyncio.to_thread(write, found, site, zone), media_type=kind)
 
-    @router.get(
-        "/zones/{zone}/trust",
-        response_model=document_of(Trust),
-        responses=documented(404, 422, 500, 503),
-        summary="How far a controller may rely on the zone's forecasts, horizon by horizon",
-    )
-    async def trust(zone: str, caller: Asking) -> Response:
-        view = find_zone(zones, zone, caller)
-        found = view.trust()
-        if not found.horizons:
-            raise no_forecast(view)
-        return answer(found, site, zone)
+@router.get(
+    "/zones/{zone}/model",
+    response_model=document_of(ModelPayload),
+    responses=documented(404, 422, 500, 503) | {200: {"content": {NPZ: {"schema": {"type": "string"}}}}},
+    summary="State-space matrices: posterior mean and draws, state, covariance; JSON, or npz by Accept",
+)
+async def model(
+    site: Here,
+    view: Asked,
+    query: Annotated[ModelQuery, Query()],
+    accept: Annotated[str, Header()] = "application/json",
+) -> Response:
+    if query.step is not None and query.step > DAY:
+        raise invalid([f"step {format_duration(query.step)} is longer than a day"])
+    periods = 1 if query.step is None else whole_steps(query.step, view.period, "step")
+    try:
+        found = await asked(view, ModelQuestion(periods, query.draws, view.estimator))
+    except NoModel as error:
+        sentence = f"the estimator '{view.estimator}' of zone '{view.id}' has no model: {error}"
+        raise RequestRefused(HTTPStatus.NOT_FOUND, [sentence]) from None
+    # On a thread: a large one would hold the event loop.
+    write, kind = (model_npz, NPZ) if NPZ in accept else (document, "application/json")
+    return Response(await asyncio.to_thread(write, found, site.id, view.id), media_type=kind)
 
-    @router.post(
-        "/forecasts",
-        response_model=document_of(SiteForecastPayload, of_a_zone=False),
-        responses=documented(400, 404, 422, 500, 503),
-        summary="Forecasts of several zones under several plans, neighbours simulated together",
-    )
-    async def forecasts(caller: Asking, body: SiteForecastRequest) -> Response:
-        seen = {zone: view for zone, view in zones.items() if caller.sees(zone)}
-        wanted = [find_zone(zones, zone, caller) for zone in dict.fromkeys(body.zones) or seen]
-        plans = [Plan(one.name, {zone: inputs_of(given) for zone, given in one.inputs.items()}) for one in body.plans]
-        around = neighbourhood(wanted, seen)
-        request = ForecastRequest(wanted, body.horizon, body.levels, plans, body.scenarios, around)
-        numbers = bound(request)
-        if found := await asyncio.to_thread(mistakes, request):
-            raise invalid([_told(one) for one in found])
-        async with limiter.turn(LARGE) if numbers > MANY_NUMBERS else nullcontext():
-            # A plan that is written takes half as much memory as one that is not.
-            written = [
-                await asyncio.to_thread(_written, request, plan, await under(request, plan)) for plan in request.plans
-            ]
-            about = document(SiteForecastPayload(body.horizon, ()), site)
-            content = await asyncio.to_thread(with_items, about, written)
-        return json_answer(content)
 
-    return router
+@router.get(
+    "/zones/{zone}/trust",
+    response_model=document_of(Trust),
+    responses=documented(404, 422, 500, 503),
+    summary="How far a controller may rely on the zone's forecasts, horizon by horizon",
+)
+async def trust(site: Here, view: Asked) -> Response:
+    found = view.trust()
+    if not found.horizons:
+        raise no_forecast(view)
+    return answer(found, site.id, view.id)
+
+
+@router.post(
+    "/forecasts",
+    response_model=document_of(SiteForecastPayload, of_a_zone=False),
+    responses=documented(400, 404, 422, 500, 503),
+    summary="Forecasts of several zones under several plans, neighbours simulated together",
+)
+async def forecasts(site: Here, caller: Asking, body: SiteForecastRequest) -> Response:
+    seen = {zone: view for zone, view in site.zones.items() if caller.sees(zone)}
+    wanted = [find_zone(site.zones, zone, caller) for zone in dict.fromkeys(body.zones) or seen]
+    plans = [Plan(one.name, {zone: inputs_of(given) for zone, given in one.inputs.items()}) for one in body.plans]
+    around = neighbourhood(wanted, seen)
+    request = ForecastRequest(wanted, body.horizon, body.levels, plans, body.scenarios, around)
+    numbers = bound(request)
+    if found := await asyncio.to_thread(mistakes, request):
+        raise invalid([_told(one) for one in found])
+    async with site.limiter.turn(LARGE) if numbers > MANY_NUMBERS else nullcontext():
+        # A plan that is written takes half as much memory as one that is not.
+        written = [
+            await asyncio.to_thread(_written, request, plan, await under(request, plan)) for plan in request.plans
+        ]
+        about = document(SiteForecastPayload(body.horizon, ()), site.id)
+        content = await asyncio.to_thread(with_items, about, written)
+    return json_answer(content)
 
 
 def _told(one: Mistake) -> str:

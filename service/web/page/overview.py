@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 from adapters.reading import Quality
 from service.errors import ServiceError
-from service.publish.events import RECONNECT_MS, Event, Streams
+from service.publish.events import RECONNECT_MS, Event
 from service.publish.payloads import AHEAD_STEP, AheadPayload, periods
 from service.records.record import document, document_of
 from service.records.series import Series
@@ -31,6 +31,7 @@ from service.web.page.payloads import (
     SparkPayload,
 )
 from service.web.problems import documented
+from service.web.site import Site
 
 LEADS = (3600, 6 * 3600)
 """How far ahead the overview looks, s."""
@@ -69,8 +70,9 @@ class Spark(NamedTuple):
         return cls(sample_time, SparkPayload(first, series.bucket, tuple(values)))
 
 
-def overview_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneView], streams: Streams) -> APIRouter:
-    """The routes over `zones`."""
+def overview_routes(site: Site) -> APIRouter:
+    """The routes over the zones of `site`."""
+    zones, streams = site.zones, site.streams
     router = APIRouter(prefix=OVERVIEW_PREFIX, tags=["overview"])
     sparks: dict[str, Spark] = {}
 
@@ -85,7 +87,7 @@ def overview_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneVi
     )
     def overview(caller: Asking) -> Response:
         rows = tuple(row(zone, sparks.get(name)) for name, zone in tuple(zones.items()) if caller.sees(name))
-        return answer(OverviewPayload(time_zone, rows), site)
+        return answer(OverviewPayload(site.backend.time_zone, rows), site.id)
 
     @router.get(
         "/stream",
@@ -109,7 +111,7 @@ def overview_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneVi
                     yield KEEPALIVE_COMMENT
                 for first in range(0, len(changed), ROWS_AT_ONCE):
                     change = await _change(changed[first : first + ROWS_AT_ONCE], shown)
-                    yield format_sse_event(event="rows", data_str=document(change, site).decode())
+                    yield format_sse_event(event="rows", data_str=document(change, site.id).decode())
                 await news.rest(PAUSE)
 
     async def _change(names: Sequence[str], shown: dict[str, int]) -> OverviewChange:

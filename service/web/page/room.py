@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
@@ -12,11 +11,10 @@ from pydantic import Field
 from service.forecast.answers import Room
 from service.forecast.room import Past, RoomQuestion
 from service.records.record import document_of
-from service.records.view import ZoneView
-from service.web.access import Asking, find_zone
 from service.web.answering import answer, asked
 from service.web.models import Query as QueryModel
 from service.web.problems import documented
+from service.web.site import Asked, Here
 
 _DAY = 86400
 _POINTS = 48
@@ -29,22 +27,18 @@ class RoomQuery(QueryModel):
     days: int = Field(default=7, ge=1, le=28, description="days up to the newest sample that are looked at")
 
 
-def room_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneView]) -> APIRouter:
-    """The route over `zones`; hours are those of `time_zone` (IANA), or of UTC."""
-    router = APIRouter(prefix="/zones", tags=["zones"])
+router = APIRouter(prefix="/zones", tags=["zones"])
 
-    @router.get(
-        "/{zone}/room",
-        response_model=document_of(Room),
-        responses=documented(404, 422, 500, 503),
-        summary="How the room does, what it is like, and what to do, in sentences",
-    )
-    async def room(zone: str, caller: Asking, query: Annotated[RoomQuery, Query()]) -> Response:
-        view = find_zone(zones, zone, caller)
-        last = view.status().last_sample_time
-        end = 0 if last is None else math.ceil(last + view.period)
-        series = await view.series(end - query.days * _DAY, end, query.days * _POINTS + 1)
-        question = RoomQuestion(Past.of(series), view.surroundings.floor_area, time_zone)
-        return answer(await asked(view, question), site, zone)
 
-    return router
+@router.get(
+    "/{zone}/room",
+    response_model=document_of(Room),
+    responses=documented(404, 422, 500, 503),
+    summary="How the room does, what it is like, and what to do, in sentences",
+)
+async def room(site: Here, view: Asked, query: Annotated[RoomQuery, Query()]) -> Response:
+    last = view.status().last_sample_time
+    end = 0 if last is None else math.ceil(last + view.period)
+    series = await view.series(end - query.days * _DAY, end, query.days * _POINTS + 1)
+    question = RoomQuestion(Past.of(series), view.surroundings.floor_area, site.backend.time_zone)
+    return answer(await asked(view, question), site.id, view.id)

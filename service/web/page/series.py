@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Annotated
 
@@ -15,12 +14,12 @@ from adapters.fields.times import utc
 from service.records.record import document_of
 from service.records.series import GAIN, Array, Series
 from service.records.view import ZoneView
-from service.web.access import Asking, find_zone
 from service.web.answering import answer
 from service.web.models import Instant
 from service.web.models import Query as QueryModel
 from service.web.page.payloads import SeriesGain, SeriesInput, SeriesPayload
 from service.web.problems import documented, invalid
+from service.web.site import Asked, Here
 
 MAX_POINTS = 2000
 DAY = 86400
@@ -39,28 +38,24 @@ _EARLIEST, _LATEST = (int(datetime(year, 1, 1, tzinfo=UTC).timestamp()) for year
 """What is asked for beyond these times, UTC s, holds nothing."""
 
 
-def series_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
-    """The route over `zones`."""
-    router = APIRouter(prefix="/zones", tags=["zones"])
+router = APIRouter(prefix="/zones", tags=["zones"])
 
-    @router.get(
-        "/{zone}/series",
-        response_model=document_of(SeriesPayload),
-        responses=documented(404, 422, 500, 503),
-        summary="History in a bounded number of points, with the inputs: for charts",
-    )
-    async def series(zone: str, caller: Asking, query: Annotated[SeriesQuery, Query()]) -> Response:
-        view = find_zone(zones, zone, caller)
-        end = math.ceil(query.end.timestamp()) if query.end is not None else _end(view)
-        start = math.ceil(query.start.timestamp()) if query.start is not None else end - DAY
-        # Times that a time stamp can say, whatever is asked for.
-        start, end = max(start, _EARLIEST), min(end, _LATEST)
-        if start >= end:
-            raise invalid([f"start {utc(start):%Y-%m-%dT%H:%M:%SZ} is not before end {utc(end):%Y-%m-%dT%H:%M:%SZ}"])
-        found = _payload(view, start, end, await view.series(start, end, query.points))
-        return answer(found, site, zone)
 
-    return router
+@router.get(
+    "/{zone}/series",
+    response_model=document_of(SeriesPayload),
+    responses=documented(404, 422, 500, 503),
+    summary="History in a bounded number of points, with the inputs: for charts",
+)
+async def series(site: Here, view: Asked, query: Annotated[SeriesQuery, Query()]) -> Response:
+    end = math.ceil(query.end.timestamp()) if query.end is not None else _end(view)
+    start = math.ceil(query.start.timestamp()) if query.start is not None else end - DAY
+    # Times that a time stamp can say, whatever is asked for.
+    start, end = max(start, _EARLIEST), min(end, _LATEST)
+    if start >= end:
+        raise invalid([f"start {utc(start):%Y-%m-%dT%H:%M:%SZ} is not before end {utc(end):%Y-%m-%dT%H:%M:%SZ}"])
+    found = _payload(view, start, end, await view.series(start, end, query.points))
+    return answer(found, site.id, view.id)
 
 
 def _payload(zone: ZoneView, start: int, end: int, series: Series) -> SeriesPayload:

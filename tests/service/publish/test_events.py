@@ -19,7 +19,8 @@ from service.forecast.ahead import LookingAhead
 from service.publish.events import Event, Stream, Streams
 from service.publish.payloads import ForecastPayload, GatePayload, VolatilityPayload
 from service.records.record import document
-from service.web.app import Backend, create_app
+from service.web.app import create_app
+from service.web.site import Backend
 
 SITE = "home"
 

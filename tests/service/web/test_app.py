@@ -14,8 +14,9 @@ from support.fake_zones import FakeZone, announced, make_update, running
 from support.http_client import get, problem, request
 
 from service.publish.metrics import Metrics
-from service.web.app import Backend, create_app
+from service.web.app import create_app
 from service.web.server.in_process import ask
+from service.web.site import Backend
 
 STATIC = Path(__file__).parents[3] / "service" / "web" / "static"
 

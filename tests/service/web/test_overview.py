@@ -18,9 +18,10 @@ from service.forecast.ahead import LookingAhead
 from service.publish.events import Streams
 from service.records.trust import HorizonTrust, Trust
 from service.records.update import Disturbance
-from service.web.app import Backend, create_app
+from service.web.app import create_app
 from service.web.keys import KeyRing, create_key
 from service.web.page import overview
+from service.web.site import Backend
 
 
 @pytest.fixture

@@ -25,11 +25,12 @@ from service.errors import JournalError
 from service.publish.metrics import Metrics
 from service.records.receipt import Receipt
 from service.web import readings
-from service.web.app import Backend, create_app
+from service.web.app import create_app
 from service.web.keys import KeyRing, create_key
 from service.web.limits import POSTS, table
 from service.web.readings import MAX_VALUES
 from service.web.server.refusal import MOST_SENTENCES, RequestRefused
+from service.web.site import Backend
 
 OF_ONE, WAITING = table(LimitsConfig())[POSTS][2:4]
 
