@@ -14,9 +14,9 @@ from adapters.fields.times import utc
 from replay.bms.faults import Fault, FaultError, FaultSpec
 from replay.bms.simulation import Simulation
 from service.config.http import HttpConfig
-from service.web import pages as api_pages
 from service.web import problems as api_problems
 from service.web.guard import Guard
+from service.web.page import files
 from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
 
@@ -35,7 +35,7 @@ def create_control(simulation: Simulation) -> FastAPI:
     app = FastAPI(title="Thermogate simulated BMS", description=__doc__ or "", docs_url=None, redoc_url=None)
     api_problems.install(app)
     app.add_middleware(Guard, config=HttpConfig())
-    api_pages.install_documentation(app)
+    files.install_documentation(app)
     board = simulation.faults
 
     @app.get("/", include_in_schema=False)

@@ -17,7 +17,6 @@ from starlette.middleware.gzip import GZipMiddleware
 from service.config.http import HttpConfig
 from service.publish.events import Streams
 from service.records.view import ZoneView
-from service.web import pages as api_pages
 from service.web import problems as api_problems
 from service.web import stream
 from service.web import zones as zone_routes
@@ -30,7 +29,7 @@ from service.web.keys import KeyRing
 from service.web.limits import Limiter
 from service.web.models import PostedReadings
 from service.web.operations import operation_routes
-from service.web.page import room, series
+from service.web.page import files, room, series
 from service.web.page.overview import overview_routes
 from service.web.problems import Problem, problem_response
 from service.web.readings import Bodies, reading_routes
@@ -99,7 +98,7 @@ def create_app(
         of_the_daemon,
     ):
         app.include_router(router)
-    api_pages.install(app)
+    files.install(app)
     app.add_route("/openapi.json", _described(app), include_in_schema=False)
     return app
 

@@ -1,1 +1,1 @@
-"""What the page for people asks beyond the zones' own routes: all zones at a glance, and charts of any length."""
+"""The page for people: its files, and what it asks beyond the zones' own routes: all zones at a glance, and charts."""
