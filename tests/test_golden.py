@@ -22,6 +22,7 @@ from starlette.routing import Route
 from support import golden
 from support.fake_zones import broken, doubted
 from support.golden_site import SAMPLES, SITE, GoldenSite, learned, written
+from support.http_client import scope
 from support.running_zone import Announced
 
 import thermogate as tg
@@ -252,27 +253,12 @@ async def _overview(asked: Asked, streams: Streams) -> str:
 async def _streamed(asked: Asked, path: str, sent: list[str]) -> None:
     """The body of an answer that goes on, part by part."""
     never: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
-    request = httpx.Request("GET", f"http://localhost{path}", headers=asked.headers)
-    scope = {
-        "type": "http",
-        "method": "GET",
-        "path": path,
-        "raw_path": path.encode(),
-        "root_path": "",
-        "scheme": "http",
-        "query_string": b"",
-        "http_version": "1.1",
-        "headers": [(name.lower(), value) for name, value in request.headers.raw],
-        "client": ("127.0.0.1", 1),
-        "server": ("localhost", 80),
-        "state": {},
-    }
 
     async def send(message: Any) -> None:
         sent.append(message.get("body", b"").decode())
 
     receive: Callable[[], Awaitable[Any]] = lambda: never  # noqa: E731
-    await asked.app(scope, receive, send)
+    await asked.app(scope("GET", path, asked.headers), receive, send)
 
 
 def _arrays(answer: httpx.Response) -> str:

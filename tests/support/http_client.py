@@ -28,6 +28,14 @@ def post(app: FastAPI, url: str, body: object) -> httpx.Response:
     return request(app, "POST", url, json=body)
 
 
+def scope(method: str, path: str, headers: dict[str, str]) -> dict[str, Any]:
+    """What an ASGI application is called with for a request from this machine."""
+    named = [(name.lower().encode(), text.encode()) for name, text in {"Host": "localhost", **headers}.items()]
+    about = {"type": "http", "http_version": "1.1", "method": method, "scheme": "http", "headers": named, "state": {}}
+    place = {"path": path, "raw_path": path.encode(), "query_string": b"", "root_path": ""}
+    return {**about, **place, "client": ("127.0.0.1", 1), "server": ("localhost", 80)}
+
+
 def problem(answer: httpx.Response, status: int) -> dict[str, Any]:
     """The problem document of `answer`, after checking its form."""
     assert (answer.status_code, answer.headers["content-type"]) == (status, "application/problem+json")

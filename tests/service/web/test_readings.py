@@ -16,7 +16,7 @@ import httpx
 import pytest
 from fastapi import FastAPI
 from support.fake_zones import running
-from support.http_client import get, problem, request
+from support.http_client import get, problem, request, scope
 
 from adapters.http.posted import Posted
 from adapters.reading import Fault, Quality
@@ -293,27 +293,21 @@ def test_a_body_that_is_too_large_is_not_read(app: FastAPI, desk: Desk, key: str
     assert not desk.taken
 
 
-async def slowly(app: FastAPI, key: str, sent: asyncio.Event, body: bytes = b"") -> None:
-    """Post with `key` the headers and one byte, and no more until `sent`, which is then followed by `body`."""
-    headers = [(b"host", b"127.0.0.1"), (b"content-type", LINES.encode()), (b"transfer-encoding", b"chunked")]
-    headers.append((b"authorization", f"Bearer {key}".encode()))
-    scope: dict[str, Any] = {"type": "http", "http_version": "1.1", "method": "POST", "scheme": "http"}
-    scope |= {"path": "/readings", "raw_path": b"/readings", "query_string": b"", "headers": headers, "root_path": ""}
-    scope |= {"client": ("127.0.0.1", 1), "server": ("127.0.0.1", 80)}
-    begun = False
+def chunked(key: str, kind: str = LINES) -> dict[str, str]:
+    return {"Authorization": f"Bearer {key}", "Content-Type": kind, "Transfer-Encoding": "chunked"}
+
+
+async def slowly(app: FastAPI, key: str) -> None:
+    """Post with `key` the headers and one byte, and no more."""
+    waiting = [{"type": "http.request", "body": b"#", "more_body": True}]
 
     async def receive() -> Any:
-        nonlocal begun
-        if not begun:
-            begun = True
-            return {"type": "http.request", "body": b"#", "more_body": True}
-        await sent.wait()
-        return {"type": "http.request", "body": body, "more_body": False}
+        return waiting.pop() if waiting else await asyncio.Event().wait()
 
     async def send(message: Any) -> None:
         pass
 
-    await app(scope, receive, send)
+    await app(scope("POST", "/readings", chunked(key)), receive, send)
 
 
 def test_one_tenants_key_does_not_stop_the_readings_of_another(
@@ -323,8 +317,7 @@ def test_one_tenants_key_does_not_stop_the_readings_of_another(
     other = create_key(file, "honest", "write")
 
     async def run() -> list[int]:
-        never, statuses = asyncio.Event(), []
-        slow = [asyncio.create_task(slowly(app, key, never)) for _ in range(50)]
+        slow = [asyncio.create_task(slowly(app, key)) for _ in range(50)]
         await asyncio.sleep(0)
         desk.open = asyncio.Event()
         transport = httpx.ASGITransport(app)
@@ -378,10 +371,5 @@ def test_a_client_that_goes_away_in_the_middle_of_a_body_is_no_failure(
     async def send(message: Any) -> None:
         sent.append(message)
 
-    headers = [(b"host", b"127.0.0.1"), (b"content-type", b"application/json"), (b"transfer-encoding", b"chunked")]
-    headers.append((b"authorization", f"Bearer {key}".encode()))
-    scope = {"type": "http", "http_version": "1.1", "method": "POST", "scheme": "http", "path": route}
-    scope |= {"raw_path": route.encode(), "query_string": b"", "headers": headers, "root_path": ""}
-    scope |= {"client": ("127.0.0.1", 1), "server": ("127.0.0.1", 80)}
-    asyncio.run(app(scope, receive, send))
+    asyncio.run(app(scope("POST", route, chunked(key, JSON)), receive, send))
     assert desk.taken == []
