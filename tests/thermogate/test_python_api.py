@@ -330,17 +330,6 @@ def test_a_model_that_cannot_be_written_leaves_nothing_behind(
     assert [path.name for path in tmp_path.rglob("*")] == ["models"]
 
 
-def test_a_forecast_begins_with_the_next_sample(model: tg.Model) -> None:
-    fan = model.forecast(horizon="2h", levels=[0.5, 0.95])
-    assert list(fan.columns) == ["mean", "median", "sd", "lower_0.5", "upper_0.5", "lower_0.95", "upper_0.95"]
-    assert len(fan) == 13
-    assert fan.index[0] == model.predictions.index[-1] + model.period
-    assert fan.index.name == "time"
-    assert (fan["lower_0.95"] < fan["lower_0.5"]).all()
-    assert (fan["upper_0.5"] < fan["upper_0.95"]).all()
-    assert len(model.forecast(horizon=timedelta(hours=24))) == 145
-
-
 def test_a_plan_can_be_written_in_many_ways(model: tg.Model) -> None:
     times = model.forecast(horizon="1h").index
     heat = [0.0, 500.0, 1000.0, 1500.0, 2000.0, 2500.0]
@@ -388,19 +377,6 @@ def test_scenarios_are_the_paths_of_the_mixture_filter() -> None:
         model.scenarios(count=0)
     disturbance = model.disturbance.iloc[-1]
     assert disturbance["measurement_sd_T_i_lower"] <= disturbance["measurement_sd_T_i_upper"]
-
-
-def test_what_was_learned_has_units_bounds_and_quantiles(model: tg.Model) -> None:
-    found = model.parameters([0.1, 0.9])
-    assert list(found.columns) == ["q0.1", "q0.9", "unit", "prior_lower", "prior_upper", "free"]
-    assert list(found.index) == [parameter.name for parameter in model.network.parameters]
-    assert (found["q0.1"] < found["q0.9"]).all()
-    assert found.loc["C_i", "unit"] == "J/K"
-    constants = model.time_constants()
-    assert list(constants.index) == ["tau_1", "tau_2"]
-    assert constants["q0.5"].is_monotonic_increasing
-    assert model.heat_loss().index.tolist() == ["q0.025", "q0.5", "q0.975"]
-    assert (model.parameter_history.iloc[-1] > 0).all()
 
 
 def test_what_the_model_does_not_know_is_listed_with_a_remedy() -> None:
@@ -456,13 +432,6 @@ def test_a_room_with_two_thermometers_has_pairs_as_columns() -> None:
     assert ("T_e", "lower_0.95") in model.forecast(horizon="1h").columns
     assert model.predictions["T_e"]["residual"].abs().max() < 5.0
     assert model.predictions["T_i"].columns.tolist()[0] == "y"
-
-
-def test_it_introduces_itself(model: tg.Model) -> None:
-    text = repr(model)
-    assert "network tite, estimator ekf, a sample every 10min" in text
-    assert "60 samples in 1 segment, 2025-01-10 00:00 to 2025-01-10 09:50 (UTC)" in text
-    assert "T_i at 2025-01-10 10:00:" in text
 
 
 def test_a_slow_fit_shows_its_progress(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

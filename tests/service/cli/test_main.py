@@ -147,17 +147,13 @@ def test_check_warns_of_state_with_which_run_does_not_start(config: Path, capsys
     assert "`thermogate run CONFIG --reset living`" in warning
 
 
-def test_check_names_fixed_parameters(config: Path, capsys: Capture) -> None:
-    assert main(["check", str(config), "--set", 'zones.bedroom.network.fixed=["C_h"]']) == 0
-    assert "  fixed parameters (1): C_h" in capsys.readouterr().out.splitlines()
-
-
 def test_check_applies_overrides(config: Path, capsys: Capture) -> None:
-    assert main(["check", str(config), "--set", "zones.living.period=15min", "--set", "site.id=villa"]) == 0
-
+    given = ("zones.living.period=15min", "site.id=villa", 'zones.bedroom.network.fixed=["C_h"]')
+    assert main(["check", str(config), *(word for one in given for word in ("--set", one))]) == 0
     shown = capsys.readouterr().out
     assert "site 'villa'" in shown
-    assert "zone living: network tite, estimator bank, a sample every 15min" in shown
+    assert "zone living: network tite, estimator bank, a sample every 15min\n" in shown
+    assert "  fixed parameters (1): C_h\n" in shown
 
 
 @pytest.mark.parametrize(
@@ -189,24 +185,16 @@ def test_several_mistakes_are_a_line_each_and_a_count(config: Path, capsys: Capt
     assert lines[-1] == "thermogate: 2 mistakes in the configuration; nothing was started"
 
 
-def test_run_starts_the_daemon(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = daemon(monkeypatch)
-
-    assert main(["run", str(config)]) == 0
-
-    (((started,), options),) = calls
-    assert [zone.id for zone in started.zones] == ["living", "bedroom"]
-    assert options["reset"] == []
-    assert options["reread"]().zones == started.zones
-
-
-def test_run_passes_on_the_zones_to_reset_and_the_exit_code(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_starts_the_daemon_and_passes_on_what_to_reset_and_the_exit_code(
+    config: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     calls = daemon(monkeypatch, lambda *_, **__: 1)
-
-    assert main(["run", str(config), "--reset", "bedroom", "--reset", "living"]) == 1
-    assert main(["run", str(config), "--reset", "bedroom", "living"]) == 1
-
-    assert [options["reset"] for _, options in calls] == [["bedroom", "living"]] * 2
+    for reset in ([], ["--reset", "bedroom", "--reset", "living"], ["--reset", "bedroom", "living"]):
+        assert main(["run", str(config), *reset]) == 1
+    assert [options["reset"] for _, options in calls] == [[], ["bedroom", "living"], ["bedroom", "living"]]
+    (started,), options = calls[0]
+    assert [zone.id for zone in started.zones] == ["living", "bedroom"]
+    assert options["reread"]().zones == started.zones
 
 
 def test_run_refuses_to_reset_an_unknown_zone(config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
@@ -248,31 +236,35 @@ def test_debug_shows_the_traceback(config: Path, monkeypatch: pytest.MonkeyPatch
     assert "Traceback (most recent call last)" in capsys.readouterr().err
 
 
-def test_replay_passes_everything_on(config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("watched", "given", "expected"),
+    [
+        (False, [], {"zone": None, "seed": None, "start": None, "end": None}),
+        (
+            True,
+            [
+                "--zone",
+                "living",
+                "--seed",
+                "9",
+                "--start",
+                "2025-05-03T00:00:00Z",
+                "--end",
+                "2025-05-03T04:00:00+02:00",
+            ],
+            {"zone": "living", "seed": 9, "start": 1746230400.0, "end": 1746237600.0},
+        ),
+    ],
+)
+def test_replay_passes_everything_on(
+    watched: bool, given: list[str], expected: dict[str, Any], config: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     calls = replay(monkeypatch)
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-
-    code = main(
-        [
-            *("replay", str(config), "--out", str(tmp_path / "out"), "--zone", "living", "--seed", "9"),
-            *("--start", "2025-05-03T00:00:00Z", "--end", "2025-05-03T04:00:00+02:00"),
-        ]
-    )
-
-    assert code == 0
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: watched)
+    assert main(["replay", str(config), "--out", "out", *given]) == 0
     (((loaded, out), options),) = calls
-    assert loaded.site.id == "house"
-    assert out == tmp_path / "out"
-    assert options == {"zone": "living", "seed": 9, "start": 1746230400.0, "end": 1746237600.0, "progress": True}
-
-
-def test_replay_defaults(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = replay(monkeypatch)
-
-    assert main(["replay", str(config), "--out", "out"]) == 0
-
-    ((_, options),) = calls
-    assert options == {"zone": None, "seed": None, "start": None, "end": None, "progress": False}
+    assert (loaded.site.id, out) == ("house", Path("out"))
+    assert options == expected | {"progress": watched}
 
 
 @pytest.mark.parametrize(
@@ -286,9 +278,7 @@ def test_replay_refuses_what_makes_no_sense(
     options: list[str], gist: str, config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     calls = replay(monkeypatch)
-
     assert main(["replay", str(config), "--out", "out", *options]) == 2
-
     assert gist in complaint(capsys)
     assert calls == []
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 import pytest
-from support.fake_zones import make_update, output, running
+from support.fake_zones import make_update, running
 
 from adapters.reading import Quality
 from service.publish.payloads import (
@@ -48,17 +48,6 @@ def test_what_is_not_finite_is_null(value: float) -> None:
     told = written(ForecastPayload.of(changed))
     assert told["n_eff"] is None
     assert told["volatility"]["median"] is None
-
-
-def test_several_outputs_and_blocks_are_all_there() -> None:
-    update = make_update(0)
-    forecast = update.forecast._replace(outputs=(output("T_air", 21.0, 0.1, (0.9,)), output("T_wi", 19.0, 0.2, (0.9,))))
-    volatility = Volatility(("air", "walls"), (0.5, 0.6), (1.0, 1.5), (2.0, 3.0), (0.3, 0.9))
-    payload = ForecastPayload.of(update._replace(forecast=forecast, volatility=volatility))
-    assert (payload.output, payload.mean) == ("T_air", 21.0)
-    assert [(o.output, o.mean) for o in payload.outputs] == [("T_air", 21.0), ("T_wi", 19.0)]
-    assert [(b.block, b.median) for b in payload.volatility.blocks] == [("air", 1.0), ("walls", 1.5)]
-    assert payload.volatility.block == "air"
 
 
 def with_input(update: Update, **changes: object) -> Update:

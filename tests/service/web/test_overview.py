@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from fastapi import FastAPI
 from prometheus_client import CollectorRegistry
-from support.fake_zones import PERIOD, START, FakeZone, announced, broken, doubted, running, waiting
+from support.fake_zones import START, FakeZone, announced, broken, doubted, running, waiting
 from support.http_client import get, problem, request
 from support.schemas import objects
 from support.served import Client, config, serving
@@ -32,19 +32,6 @@ def zones() -> dict[str, FakeZone]:
 @pytest.fixture
 def app(zones: dict[str, FakeZone]) -> FastAPI:
     return create_app("htwg", zones, CollectorRegistry(), backend=Backend(time_zone="Europe/Berlin"))
-
-
-def test_the_overview_has_every_zone_in_one_answer(app: FastAPI, zones: dict[str, FakeZone]) -> None:
-    found = objects(get(app, "/overview").text)
-    assert (found.site, found.time_zone) == ("htwg", "Europe/Berlin")
-    assert [zone.id for zone in found.zones] == ["living", "attic", "cellar"]
-    living, attic, cellar = found.zones
-    assert living.temperature == zones["living"].updates[-1].y[0]
-    assert not living.disturbed
-    assert (attic.temperature, attic.sample_time, attic.reason) == (None, None, "no reading of T_out yet")
-    assert [finding.subject for finding in cellar.findings] == ["C_air", "C_h", "ground"]
-    assert living.expected == [], "nothing is computed for a single request"
-    assert zones["living"].asked == []
 
 
 def test_the_overview_tells_how_far_the_next_hours_are_trusted(app: FastAPI, zones: dict[str, FakeZone]) -> None:
@@ -164,14 +151,6 @@ def test_a_key_for_some_zones_sees_these_at_a_glance(zones: dict[str, FakeZone],
     answer = request(app, "GET", "/overview", headers={"Authorization": f"Bearer {secret}"})
     assert [zone["id"] for zone in answer.json()["zones"]] == ["attic"]
     assert request(app, "GET", "/overview").status_code == 401
-
-
-def test_a_series_is_the_history_in_buckets(app: FastAPI) -> None:
-    found = objects(get(app, "/zones/living/series?points=50").text)
-    assert found.bucket_s % PERIOD == 0
-    assert len(found.times) == len(found.y) == len(found.upper) == len(found.inputs[0].values) <= 50
-    assert [(one.channel, one.unit) for one in found.inputs] == [("T_out", "degC"), ("T_adj", "degC"), ("u_heat", "W")]
-    assert all(low <= mean <= high for low, mean, high in zip(found.y_low, found.y, found.y_high, strict=True) if mean)
 
 
 def test_a_series_of_a_stretch(app: FastAPI, zones: dict[str, FakeZone]) -> None:

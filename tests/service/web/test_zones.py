@@ -110,11 +110,6 @@ def test_planned_inputs_reach_the_zone_as_full_rows(app: FastAPI, zones: dict[st
     assert len(told["fan"]) == 7
 
 
-def test_a_plan_without_levels_uses_the_published_ones(app: FastAPI, zones: dict[str, FakeZone]) -> None:
-    assert post(app, "/zones/living/forecast", {"horizon": 600}).status_code == 200
-    assert zones["living"].asked == [("fan", 2, (0.5, 0.95), {})]
-
-
 def test_history_is_bounded_and_complete(app: FastAPI, zones: dict[str, FakeZone]) -> None:
     url = "/zones/living/history?start=2025-05-03T02:05:00%2B02:00&end=2025-05-03T00:10:00Z&limit=5"
     told = get(app, url).json()
@@ -162,29 +157,6 @@ def test_of_many_zones_a_404_names_few() -> None:
         assert told["zone_count"] == 500
         assert told["detail"].endswith("room-18, room-19 and 480 more, which GET /zones lists")
         assert len(told["detail"]) < 500
-
-
-@pytest.mark.parametrize(
-    ("method", "path"),
-    [
-        ("GET", "/forecast"),
-        ("GET", "/forecast?level=.3"),
-        ("GET", "/forecast?horizon=1h"),
-        ("POST", "/forecast"),
-        ("GET", "/parameters"),
-    ],
-)
-def test_a_zone_without_a_sample_is_503_with_the_reason(app: FastAPI, method: str, path: str) -> None:
-    body = {"json": {"horizon": "1h"}} if method == "POST" else {}
-    answer = request(app, method, f"/zones/attic{path}", **body)
-    assert "no reading of T_out yet" in problem(answer, 503)["detail"]
-    assert int(answer.headers["retry-after"]) == 60
-
-
-def test_a_failing_journal_is_503_with_its_sentence(app: FastAPI) -> None:
-    answer = get(app, "/zones/cellar/history")
-    assert "check the disk" in problem(answer, 503)["detail"]
-    assert "retry-after" in answer.headers
 
 
 @pytest.mark.parametrize(
