@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from service.config.site import FORMER_ESTIMATOR, SiteConfig, ZoneConfig
 from service.errors import CheckpointError, DataError
 from service.records.outlook import SET_POINTS
 from service.store.checkpoint import DAMAGE, Checkpoint, decode, encode
-from service.store.durable_files import write_file
+from service.store.durable_files import replace_file
 from service.store.reading import read_state
 from service.zone import snapshot
 from thermogate.session import Session
@@ -55,16 +54,10 @@ def write_model(path: Path, session: Session, faults: Mapping[Fault, int]) -> No
     arrays = {**worker.arrays, _UPDATES: session.updates}
     arrays |= {_TRACE + name: value for name, value in session.tracer.pack().items()}
     content = encode(Checkpoint(session.mark, worker.step, arrays, meta, worker.about))
-    temporary = path.parent / f"{path.name}.tmp"
     try:
-        write_file(temporary, content)
-        temporary.replace(path)
+        replace_file(path, content)
     except OSError as error:
         raise DataError(f"the model cannot be written to {path} ({error.strerror}); choose another file") from None
-    finally:
-        # It is still there if writing or renaming failed.
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def read_model(path: Path) -> tuple[Session, Counter[Fault]]:

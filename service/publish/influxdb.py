@@ -27,7 +27,7 @@ from adapters.fields.logins import LoginConfig
 from adapters.fields.values import FilePath, Text
 from adapters.series.database import Server
 from service.pauses import GrowingPause
-from service.publish.sinks import Announcement, Occasion, Sink, SinkKind
+from service.publish.sinks import Announcement, Sink, SinkKind
 from service.records.measures import Measure, single
 
 MOST_WAITING = 16 * 2**20
@@ -131,13 +131,8 @@ class Writer(Sink):
 
     def publish(self, announcement: Announcement) -> None:
         """Leave what is announced for the thread."""
-        topics = list(announcement.topics)
-        if announcement.occasion is Occasion.STATUS and announcement.disowned:
-            # The same point as before, now marked bad.
-            topics.append("forecast")
         with self._news:
-            for topic in topics:
-                document = announcement.payload(topic)
+            for topic, document in announcement.lasting.items():
                 self._waiting.append(_Waiting(topic, document, time.time()))
                 self._held += len(document)
             while self._held > MOST_WAITING:

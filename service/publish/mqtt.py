@@ -25,7 +25,7 @@ from adapters.mqtt.broker import BrokerConfig, Topic
 from adapters.mqtt.client import IN_FLIGHT, Client, Will, connected
 from service.pauses import GrowingPause, within
 from service.publish.home_assistant import discovery
-from service.publish.sinks import Announcement, Occasion, Sink, SinkKind
+from service.publish.sinks import Announcement, Sink, SinkKind
 from service.records.measures import Measure, single
 
 ONLINE, OFFLINE = b"online", b"offline"
@@ -101,15 +101,10 @@ class Publisher(Sink):
             self._keep(dict.fromkeys(left, CLEARED))
 
     def publish(self, announcement: Announcement) -> None:
-        """Leave what is announced for the broker, each message in the place of an older one of its topic.
-
-        A forecast that the zone can no longer vouch for is published again, once, marked bad: a client that comes later
-        must not take it for good.
-        """
+        """Leave what is announced for the broker, each message in the place of an older one of its topic; the same as
+        before is not sent again."""
         zone, base = announcement.zone, self._base(announcement.zone)
-        messages = {f"{base}/{topic}": announcement.payload(topic) for topic in announcement.topics}
-        if announcement.occasion is Occasion.STATUS and announcement.disowned:
-            messages[f"{base}/forecast"] = announcement.payload("forecast")
+        messages = {f"{base}/{topic}": document for topic, document in announcement.lasting.items()}
         with self._lock:
             told = self._described.get(zone)
             if told is None:

@@ -90,12 +90,15 @@ class Announcement:
         return tuple(topic for topic in TOPICS if told.get(topic, False))
 
     @cached_property
-    def disowned(self) -> bool:
-        """Whether the zone can no longer vouch for its forecast, which was good when it was issued."""
-        if self.update is None:
-            return False
-        issued = ForecastPayload.of(self.update)
-        return vouched(issued, self.status).quality is not issued.quality
+    def lasting(self) -> dict[str, bytes]:
+        """The documents of `topics` for sinks whose last word stays: also the forecast, marked bad, where the status
+        alone has changed and the zone can no longer vouch for it. Who comes later must not take it for good."""
+        told = {topic: self.payload(topic) for topic in self.topics}
+        if self.occasion is Occasion.STATUS and self.update is not None:
+            issued = ForecastPayload.of(self.update)
+            if vouched(issued, self.status).quality is not issued.quality:
+                told["forecast"] = self.payload("forecast")
+        return told
 
     def payload(self, topic: str) -> bytes:
         """The document of `topic`, one of `topics`; the forecast also where the status alone has changed."""

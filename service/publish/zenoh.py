@@ -27,7 +27,7 @@ from adapters.zenoh.access import publishing
 from adapters.zenoh.connection import Mode, SessionConfig
 from adapters.zenoh.link import first_line, refusal, session_config
 from service.errors import ServiceError
-from service.publish.sinks import TOPICS, Announcement, Occasion, Sink, SinkKind
+from service.publish.sinks import TOPICS, Announcement, Sink, SinkKind
 from service.records.measures import Measure, Rows, single
 
 _POLL_SECONDS = 0.02
@@ -158,17 +158,12 @@ class Publisher(Sink):
         self._give_up(self._declared.pop(zone, []))
 
     def publish(self, announcement: Announcement) -> None:
-        """Put what is announced; ServiceError if the session has failed. Nothing after `close`.
-
-        A forecast that the zone can no longer vouch for is put again, once, marked bad: a client that asks for the last
-        value must not take it for good.
-        """
-        for topic in announcement.topics:
-            self._put(announcement.zone, topic, announcement.payload(topic))
-        if announcement.occasion is Occasion.STATUS and announcement.disowned:
-            payload = announcement.payload("forecast")
-            if self._last.get(f"{self._base(announcement.zone)}/forecast") != payload:
-                self._put(announcement.zone, "forecast", payload)
+        """Put what is announced, a forecast that is told again only once; ServiceError if the session has failed.
+        Nothing after `close`."""
+        base = self._base(announcement.zone)
+        for topic, document in announcement.lasting.items():
+            if topic in announcement.topics or self._last.get(f"{base}/{topic}") != document:
+                self._put(f"{base}/{topic}", document)
 
     def settle(self) -> None:
         """Wait until every zone's forecast has a subscriber, for as long as the configuration says."""
@@ -222,8 +217,7 @@ class Publisher(Sink):
     def _base(self, zone: str) -> str:
         return f"thermogate/{self._site}/{zone}"
 
-    def _put(self, zone: str, topic: str, payload: bytes) -> None:
-        key = f"{self._base(zone)}/{topic}"
+    def _put(self, key: str, payload: bytes) -> None:
         publisher = self._publishers.get(key)
         if publisher is None:
             # A reload has removed the zone under its last step.

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import secrets
+from contextlib import suppress
 from pathlib import Path
 
 SPACE = "free space on its disk: what was set aside (reset-*, before-restore-*, *.corrupt) and old backups may go"
@@ -38,3 +40,15 @@ def write_file(path: Path, content: bytes) -> None:
         file.write(content)
         file.flush()
         os.fsync(file.fileno())
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """As `write_file`, in one step: until then the file at `path` is as it was. What fails leaves nothing behind."""
+    temporary = path.parent / f".{path.name}.{secrets.token_hex(8)}"
+    try:
+        write_file(temporary, content)
+        temporary.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise

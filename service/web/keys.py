@@ -23,7 +23,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 from adapters.fields.values import Identifier
 from service.errors import KeyFileError
-from service.store.durable_files import make_folder
+from service.store.durable_files import make_folder, replace_file
 from service.store.ownership import as_owner_of, others_can_change
 from service.web.server.followed import FollowedFiles
 
@@ -230,7 +230,7 @@ def _changing(path: Path) -> Iterator[list[Key]]:
                 keys = list(read_keys(path, parent / path.name))
                 yield keys
                 content = _Content(schema=1, keys=tuple(keys)).model_dump_json(by_alias=True, indent=2).encode()
-                _replace(parent / path.name, content)
+                replace_file(parent / path.name, content)
                 os.fsync(folder)
             finally:
                 os.close(folder)
@@ -239,18 +239,3 @@ def _changing(path: Path) -> Iterator[list[Key]]:
             f"the keys in {path} cannot be written ({error.strerror}); make its folder writable and free space on its "
             "disk"
         ) from None
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """Put `content` in the place of the file in one step, readable for its owner only."""
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
