@@ -46,7 +46,6 @@ class BmsOptions:
     registers: int = 100
     faults: Sequence[FaultSpec] = ()
     config: Path | None = None
-    register_map: Path | None = None
     overrides: Sequence[str] = ()
     """Changes to the written configuration, as of `--set`."""
 
@@ -94,8 +93,6 @@ async def serve(options: BmsOptions, stop: asyncio.Event, ready: Callable[[list[
         if options.config is not None:
             over = over_bacnet(bacnet.port) if options.over == "bacnet" and bacnet else over_modbus(modbus.port)
             write_config(options.config, simulation, over, options.overrides)
-        if options.register_map is not None:
-            options.register_map.write_text(register_map.as_csv(simulation.plant), encoding="utf-8")
         tasks = [asyncio.create_task(work()) for work in works]
         opened.push_async_callback(end, tasks)
         await http.started(tasks[0])

@@ -9,15 +9,16 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import math
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import zenoh
 import zenoh.ext
 
-from replay.bms.payloads import Published, as_json, plain, senml
-from replay.bms.plant import Device
+from adapters.fields.times import written_to_the_millisecond
+from replay.bms.plant import Channel, Device
 from replay.bms.simulation import Simulation
 from replay.errors import ReplayError
 
@@ -25,6 +26,7 @@ CACHED = 60
 """Samples that each publisher keeps for those who come back."""
 _CLOSE_SECONDS = 1.0
 _EVERY = 1.0
+_SENML_UNITS = {"degC": "Cel", "1": "/"}  # RFC 8428 and 8798; the others are written as they are
 
 _log = logging.getLogger(__name__)
 
@@ -80,16 +82,13 @@ class ZenohPublisher:
         for device in self._devices:
             jump = faults.active("clock-jump", device.name)
             stamp = now + (jump.value if jump else 0.0)
-            readings = [
-                Published(channel.name, channel.unit, stamp, self._simulation.value(device, channel))
+            values = {
+                channel: self._simulation.value(device, channel)
                 for channel in device.channels
                 if not faults.active("silent", device.name, channel.name)
-            ]
-            for reading in readings:
-                self._publishers[f"bms/plain/{device.name}/{reading.channel}"].put(plain(reading))
-                self._publishers[f"bms/json/{device.name}/{reading.channel}"].put(as_json(reading))
-            if readings:
-                self._publishers[f"bms/senml/{device.name}"].put(senml(device.name, readings))
+            }
+            for key, payload in _payloads(device, values, stamp):
+                self._publishers[key].put(payload)
 
     def close(self) -> None:
         """Undeclare everything and close the session; gives up after a second rather than hang."""
@@ -106,6 +105,28 @@ class ZenohPublisher:
                 step()
             except zenoh.ZError as error:
                 _log.debug("while closing Zenoh: %s", error)
+
+
+def _payloads(device: Device, values: Mapping[Channel, float], stamp: float) -> Iterator[tuple[str, bytes]]:
+    """By key what is put for `values` of channels, NaN for "not available", at UTC seconds `stamp`.
+
+    In a SenML pack a value that is not available is null, which SenML itself would leave out.
+    """
+    pack: list[dict[str, object]] = []
+    for channel, value in values.items():
+        place = f"{device.name}/{channel.name}"
+        missing, shown = math.isnan(value), None if math.isnan(value) else round(value, 6)
+        document = {
+            "present": {"value": shown, "unit": channel.unit},
+            "time": written_to_the_millisecond(stamp),
+            "quality": "bad" if missing else "good",
+        }
+        yield f"bms/plain/{place}", f"{value:.6g}".encode()
+        yield f"bms/json/{place}", json.dumps(document).encode()
+        record = {"n": channel.name, "u": _SENML_UNITS.get(channel.unit, channel.unit), "v": shown}
+        pack.append({**({} if pack else {"bn": f"{device.name}/"}), **record, "t": round(stamp, 3)})
+    if pack:
+        yield f"bms/senml/{device.name}", json.dumps(pack).encode()
 
 
 def opened(settings: Mapping[str, object]) -> zenoh.Session:

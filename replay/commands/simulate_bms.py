@@ -63,9 +63,6 @@ def add_to(add: AddCommand) -> None:
         default="modbus",
         help="what the written configuration reads the building over (default modbus)",
     )
-    parser.add_argument(
-        "--write-map", type=Path, dest="register_map", metavar="PATH", help="write the register map as CSV"
-    )
 
 
 def _simulate_bms(arguments: argparse.Namespace) -> int:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import logging
-import re
 import signal
 import socket
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 import zenoh
@@ -63,13 +60,6 @@ def test_faults_come_from_the_control_surface_while_it_runs() -> None:
         bms.post("/faults", {"kind": "exception", "device": "room1", "value": 4, "for": "5min"})
         assert client.read_input_registers(0, device_id=11).exception_code == 4
         client.close()
-
-
-def test_the_map_and_the_greeting_name_every_register(tmp_path: Path) -> None:
-    with simulated("--zenoh", "off", "--zones", 2, "--write-map", tmp_path / "map.csv") as bms:
-        rows = list(csv.DictReader((tmp_path / "map.csv").read_text().splitlines()))
-        for row in rows:
-            assert re.search(rf"^{row['device']} +{row['unit_id']} +{row['channel']} ", bms.greeting, re.MULTILINE)
 
 
 @pytest.mark.usefixtures("log")

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
-
-import numpy as np
-
-from estimator.arrays import Array
 
 
 class Thermostat(Protocol):
@@ -63,19 +58,3 @@ class PiValve:
 
     def can_give(self, power: float) -> str | None:
         return None if 0.0 <= power <= self.power else f"it gives 0 to {self.power:g} W"
-
-
-class Thermostats:
-    """Those of all rooms, with their memories."""
-
-    def __init__(self, thermostats: Sequence[Thermostat]) -> None:
-        self._thermostats = tuple(thermostats)
-        self._memory = [0.0] * len(self._thermostats)
-
-    def powers(self, excess: Array, ordered: Array, seconds: float) -> Array:
-        """Power (N,) [W] for the next `seconds`, at `excess` (N,) [K] above the set-points; what is `ordered` (N,) [W]
-        overrules a thermostat, and NaN does not."""
-        power = np.empty(len(excess))
-        for index, thermostat in enumerate(self._thermostats):
-            self._memory[index], power[index] = thermostat.step(self._memory[index], float(excess[index]), seconds)
-        return np.where(np.isnan(ordered), power, ordered)

@@ -9,7 +9,6 @@ import numpy as np
 from estimator.arrays import Array
 from replay.bms.living.building import AIR, ENVELOPE, HEATER, NODES, Building, whole_network
 from replay.bms.living.calendar import FIRST_MIDNIGHT, Calendar
-from replay.bms.living.thermostats import Thermostats
 from replay.localtime import HOUR
 from replay.simulated.simulate import dynamics
 
@@ -63,7 +62,8 @@ class World:
         self.building = building
         network, theta = whole_network(building)
         self._dynamics = dynamics(network, theta, STEP)
-        self._thermostats = Thermostats([room.thermostat for room in building.rooms])
+        self._memory = [0.0] * len(building.rooms)
+        """Of the thermostats."""
         self._aperture = np.array([room.theta["A_w"] for room in building.rooms])
         self._calendar = Calendar(len(building.rooms), seed)
         self._rng = np.random.default_rng([seed, 0x11FE])
@@ -97,7 +97,9 @@ class World:
         moment = self._calendar.at(time)
         air = self._state[AIR :: len(NODES)].copy()
         set_point = np.where(np.isnan(orders.set_point), moment.set_point, orders.set_point)
-        power = self._thermostats.powers(air - set_point, orders.power, STEP)
+        power = np.empty(len(air))
+        for index, (room, excess) in enumerate(zip(self.building.rooms, (air - set_point).tolist(), strict=True)):
+            self._memory[index], power[index] = room.thermostat.step(self._memory[index], excess, STEP)
         opening = moment.opening + windows
         return Snapshot(
             time=FIRST_MIDNIGHT + time,
@@ -105,7 +107,7 @@ class World:
             envelope=self._state[ENVELOPE :: len(NODES)].copy(),
             heater=self._state[HEATER :: len(NODES)].copy(),
             set_point=set_point,
-            power=power,
+            power=np.where(np.isnan(orders.power), power, orders.power),
             energy=self._energy,
             gain=moment.gain + self._aperture * moment.irradiance + opening * (moment.outdoor - air),
             opening=opening,

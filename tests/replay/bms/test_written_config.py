@@ -33,8 +33,8 @@ def test_what_is_written_is_what_the_daemon_reads(pace: float, tmp_path: Path) -
             assert parameter.lower < (value / pace if name.startswith("C_") else value) < parameter.upper
         # Noise per step belongs to the simulated length of a step.
         simulated = resolve(network, zone.period * pace, {})
-        assert zone.estimator_options["process_sd"] == pytest.approx(simulated.process_sd)
-        assert zone.estimator_options["shrinkage"] == pytest.approx(simulated.shrinkage)
+        for option in ("process_sd", "shrinkage"):
+            assert zone.estimator_options[option] == pytest.approx(getattr(simulated, option))
 
 
 def test_periods_divide_a_day_and_are_ten_simulated_minutes_where_seconds_allow() -> None:
@@ -42,8 +42,7 @@ def test_periods_divide_a_day_and_are_ten_simulated_minutes_where_seconds_allow(
 
 
 def test_a_building_with_a_paceth_of_the_capacitance_does_in_real_time_what_the_simulated_one_does_in_its_own() -> None:
-    plant = simulation(Clock())
-    pace = 60.0
+    plant, pace = simulation(Clock()), 60.0
     room = plant.building.rooms[1]
     own, seen = (plant.building.zone_network(1, p) for p in (1.0, pace))
     partitions = {"g_room1": 25.0, "g_room3": 30.0}
@@ -56,45 +55,35 @@ def test_a_building_with_a_paceth_of_the_capacitance_does_in_real_time_what_the_
 
 def test_a_relay_reads_as_the_power_behind_it_and_a_neighbour_as_a_boundary() -> None:
     first, second, _ = configuration(simulation(Clock()), over_modbus(5020))["zones"]
-    assert first["channels"]["u_heat"] == {
-        "source": "room1",
-        "table": "coil",
-        "register": 0,
-        "type": "bool",
-        "scale": 1500.0,
-        "unit": "W",
-        "aggregate": "mean",
-    }
+    place = {"source": "room1", "table": "coil", "register": 0, "type": "bool"}
+    assert first["channels"]["u_heat"] == place | {"scale": 1500.0, "unit": "W", "aggregate": "mean"}
     assert [*second["channels"]] == ["T_air", "T_out", "T_room1", "T_room3", "u_heat", "I_sol"]
-    assert second["channels"]["T_room3"]["source"] == "room3"
-    assert second["channels"]["T_room3"]["unit"] == "K"
+    assert [second["channels"]["T_room3"][key] for key in ("source", "unit")] == ["room3", "K"]
 
 
 def test_changes_from_the_command_line_are_written(tmp_path: Path) -> None:
-    plant = simulation(Clock())
-    write_config(
-        tmp_path / "bms.toml", plant, over_modbus(5020), ["http.port=0", "zones.room2.estimator_options.particles=100"]
-    )
-    config = load(tmp_path / "bms.toml")
+    plant, path = simulation(Clock()), tmp_path / "bms.toml"
+    changes = ["http.port=0", "zones.room2.estimator_options.particles=100"]
+    write_config(path, plant, over_modbus(5020), changes)
+    config = load(path)
     assert config.http.port == 0
     assert config.zones[1].estimator_options["particles"] == 100
     with pytest.raises(ConfigError, match=r"--set zones\.attic"):
-        write_config(tmp_path / "bms.toml", plant, over_modbus(5020), ["zones.attic.period=1min"])
+        write_config(path, plant, over_modbus(5020), ["zones.attic.period=1min"])
 
 
 def test_over_bacnet_the_same_zones_are_read_from_one_source(tmp_path: Path) -> None:
-    plant = simulation(Clock())
-    path = tmp_path / "bms.toml"
+    plant, path = simulation(Clock()), tmp_path / "bms.toml"
     write_config(path, plant, over_bacnet(47999))
     config = load(path)
     assert [*config.sources] == ["bms"]
     assert "over BACnet/IP" in path.read_text(encoding="utf-8")
-    room1, room2, room3 = config.zones
-    assert room1.channels["u_heat"].address == "device 1011 binary-input,1"
-    assert (room1.channels["u_heat"].scale, room1.channels["u_heat"].unit) == (1500.0, "W")
-    assert (room2.channels["u_heat"].address, room2.channels["u_heat"].scale) == ("device 1012 analog-input,2", 1.0)
-    assert (room3.channels["T_air"].address, room3.channels["T_air"].unit) == ("device 1013 analog-input,1", "K")
-    by_modbus = configuration(plant, over_modbus(5020))["zones"]
-    assert [zone["network"] for zone in configuration(plant, over_bacnet(47999))["zones"]] == [
-        zone["network"] for zone in by_modbus
-    ]
+    for room, name, address, scale, unit in (
+        (0, "u_heat", "device 1011 binary-input,1", 1500.0, "W"),
+        (1, "u_heat", "device 1012 analog-input,2", 1.0, "kW"),
+        (2, "T_air", "device 1013 analog-input,1", 1.0, "K"),
+    ):
+        channel = config.zones[room].channels[name]
+        assert (channel.address, channel.scale, channel.unit) == (address, scale, unit)
+    by_modbus, by_bacnet = (configuration(plant, over(47999))["zones"] for over in (over_modbus, over_bacnet))
+    assert [zone["network"] for zone in by_bacnet] == [zone["network"] for zone in by_modbus]
