@@ -103,18 +103,6 @@ def test_the_first_moment_is_the_midnight_of_the_place_in_a_settled_building() -
         assert abs(plant.now.outdoor - first) < 40
 
 
-def test_warm_up_can_be_controlled() -> None:
-    def hot(readings: Readings) -> Inputs:
-        seen.append(float(readings.air[0]))
-        power = 6000.0 if readings.air[0] < 25.0 else 0.0
-        return Inputs(*np.zeros((5, 1)))._replace(heating=np.array([power]))
-
-    seen: list[float] = []
-    with Plant(TIMBER, warm_up=hot) as plant:
-        assert 24.0 < plant.now.air[0] < 28.0
-        assert len(seen) >= 6 * 288, "at least the six days that the model asks for"
-
-
 def test_several_plants_live_at_once_without_touching_each_other() -> None:
     alone = {name: lived(BUILDINGS[name], 288, weather=weather) for name, weather in (("house", "denver"),)}["house"]
     other = lived(TIMBER, 288, weather="tampa")
@@ -149,14 +137,6 @@ def test_what_is_asked_too_much_is_cut_and_what_is_no_number_is_refused() -> Non
     plant.close()
 
 
-def test_a_failing_warm_up_is_reported_to_the_caller() -> None:
-    def broken(readings: Readings) -> Inputs:
-        raise RuntimeError("no controller today")
-
-    with pytest.raises(RuntimeError, match="no controller today"):
-        Plant(TIMBER, warm_up=broken)
-
-
 def test_a_disk_that_cannot_be_written_is_reported_to_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object, **__: object) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -166,20 +146,37 @@ def test_a_disk_that_cannot_be_written_is_reported_to_the_caller(monkeypatch: py
         Plant(TIMBER)
 
 
-def test_weather_that_is_none_is_refused_in_one_sentence(tmp_path) -> None:
+def test_warm_up_is_controlled_and_its_failure_reported_to_the_caller() -> None:
+    def hot(readings: Readings) -> Inputs:
+        seen.append(float(readings.air[0]))
+        power = 6000.0 if readings.air[0] < 25.0 else 0.0
+        return Inputs(*np.zeros((5, 1)))._replace(heating=np.array([power]))
+
+    def broken(readings: Readings) -> Inputs:
+        raise RuntimeError("no controller today")
+
+    seen: list[float] = []
+    with Plant(TIMBER, warm_up=hot) as plant:
+        assert 24.0 < plant.now.air[0] < 28.0
+        assert len(seen) >= 6 * 288, "at least the six days that the model asks for"
+    with pytest.raises(RuntimeError, match="no controller today"):
+        Plant(TIMBER, warm_up=broken)
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "said"),
+    [
+        (None, WeatherFileError, "No such file"),
+        ("Dear all\n", WeatherFileError, "begins with LOCATION"),
+        ("LOCATION,a,b,c,d,e,1,2,early,3\n", WeatherFileError, "'early' is not a number"),
+        ("LOCATION,a,b,c,d,e,1,2,-7.0,3\n", EnergyPlusError, "EnergyPlus has ended: "),
+    ],
+)
+def test_weather_that_is_none_is_refused_in_one_sentence(text, error, said, tmp_path) -> None:
+    path = tmp_path / "letter.epw"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(error, match=said):
+        Plant(TIMBER, str(path))
     with pytest.raises(WeatherFileError, match=r"neither one of chicago, denver, .* nor the path of an EPW file"):
         Plant(TIMBER, "atlantis")
-    with pytest.raises(WeatherFileError, match="No such file"):
-        Plant(TIMBER, str(tmp_path / "none.epw"))
-    no_epw = tmp_path / "letter.epw"
-    no_epw.write_text("Dear all\n")
-    with pytest.raises(WeatherFileError, match="begins with LOCATION"):
-        Plant(TIMBER, str(no_epw))
-    no_zone = tmp_path / "zone.epw"
-    no_zone.write_text("LOCATION,a,b,c,d,e,1,2,early,3\n")
-    with pytest.raises(WeatherFileError, match="'early' is not a number"):
-        Plant(TIMBER, str(no_zone))
-    cut_off = tmp_path / "cut.epw"
-    cut_off.write_text("LOCATION,a,b,c,d,e,1,2,-7.0,3\n")
-    with pytest.raises(EnergyPlusError, match="EnergyPlus has ended: "):
-        Plant(TIMBER, str(cut_off))

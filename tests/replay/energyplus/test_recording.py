@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from support.energyplus import needs_energyplus
 
-from replay.commands import simulate_energyplus
 from replay.energyplus.buildings import BUILDINGS
 from replay.energyplus.files import CONFIGURATION, HEAT_LOSS, RECORDING, TRUTH
 from replay.energyplus.heat_loss import heat_loss
@@ -45,19 +44,13 @@ def test_the_same_arguments_give_the_same_rows(week: Recording) -> None:
     assert np.abs(other.exact - week.exact[:288]).max() > 0.1
 
 
-def test_rows_are_five_minutes_apart_over_new_year(week: Recording) -> None:
+def test_rows_are_five_minutes_apart_over_new_year_with_the_sun_of_their_step_and_noise(week: Recording) -> None:
     assert week.times[0] == 1766988000  # 2025-12-29T06:00:00Z, midnight in Chicago
     assert set(np.diff(week.times)) == {300}
     assert len(week.times) == 7 * 288
-
-
-def test_the_sun_of_a_row_is_that_of_its_step(week: Recording) -> None:
     through = week.truth.sun[:, 0] > 0
     assert ((week.irradiance > 0) == through).all()
     assert ((week.facade > 0) == through).all()
-
-
-def test_thermometers_are_not_exact_and_not_biased(week: Recording) -> None:
     errors = week.air - week.exact
     assert 0.025 < errors.std() < 0.036
     assert abs(errors.mean()) < 5 * 0.03 / np.sqrt(errors.size)
@@ -104,18 +97,9 @@ def test_the_heat_loss_is_that_of_the_layers() -> None:
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("office")
-    parser = _parser()
-    arguments = parser.parse_args(["--out", str(folder), "--building", "office", "--days", "2", "--heating", "on-off"])
-    assert simulate_energyplus.simulate(arguments) == 0
+    words = ["--out", str(folder), "--building", "office", "--days", "2", "--heating", "on-off"]
+    assert main(["simulate-energyplus", *words]) == 0
     return folder
-
-
-def _parser():
-    import argparse
-
-    parser = argparse.ArgumentParser()
-    simulate_energyplus.add_to(lambda name, command, text: parser)
-    return parser
 
 
 def test_the_files_hold_the_recording_and_the_truth(written: Path) -> None:
@@ -146,6 +130,5 @@ def test_the_configuration_replays_the_recording(written: Path, tmp_path: Path) 
 
 
 def test_mistakes_are_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        _parser().parse_args(["--out", str(tmp_path), "--begin", "today"])
+    assert main(["simulate-energyplus", "--out", str(tmp_path), "--begin", "today"]) == 2
     assert "'today' is no day such as 2025-01-06" in capsys.readouterr().err

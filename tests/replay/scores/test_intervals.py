@@ -14,11 +14,6 @@ def test_rmse_by_hand() -> None:
     assert rmse(np.array([3.0, NAN, -4.0])) == pytest.approx(np.sqrt(12.5))
 
 
-def test_mean_width_by_hand() -> None:
-    assert mean_width(LOWER[:4], UPPER[:4]) == 1.5
-    assert mean_width(np.array([0.0, NAN]), np.array([2.0, 5.0])) == 2.0
-
-
 def test_winkler_by_hand() -> None:
     # widths 2, 1, 2, 1; the penalty factor is 2 / .05 = 40
     assert winkler(Y, LOWER, UPPER, 0.95) == pytest.approx((2 + 1 + (2 + 40 * 0.5) + (1 + 40 * 0.25)) / 4)
@@ -37,12 +32,6 @@ def test_without_a_complete_row_the_score_is_nan() -> None:
     assert np.isnan(coverage(nothing, nothing, nothing))
     assert np.isnan(mean_width(nothing, nothing))
     assert np.isnan(winkler(nothing, nothing, nothing, 0.9))
-
-
-@pytest.mark.parametrize("level", [0.0, 1.0, 95.0])
-def test_winkler_refuses_a_level_that_is_none(level: float) -> None:
-    with pytest.raises(ValueError, match="between 0 and 1"):
-        winkler(Y, LOWER, UPPER, level)
 
 
 def test_interval_scores_are_those_of_the_complete_rows() -> None:

@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from estimator.network.assembly import assemble
 from estimator.network.discretise import discretise
@@ -64,24 +63,3 @@ def test_a_gain_that_is_ten_percent_off_is_an_error_of_a_tenth_in_its_channel_al
     errors = transfer_errors(network, np.array([[2e6], [150.0], [2.2]]), np.array([2e6, 150.0, 2.0]), PERIOD)
     np.testing.assert_allclose(errors.h2, [[[0.0, 0.0, 0.1]]], atol=1e-12)
     np.testing.assert_allclose(errors.h_infinity, [[[0.0, 0.0, 0.1]]], atol=1e-12)
-
-
-def test_errors_by_brute_force() -> None:
-    network, truth = one_node(2e6, 150.0), np.array([2e6, 150.0, 2.0])
-    candidates = np.array([[2e6, 3e6], [120.0, 180.0], [2.0, 2.0]])
-    errors = transfer_errors(network, candidates, truth, PERIOD)
-    assert errors.h2.shape == errors.h_infinity.shape == (2, 1, 3)
-    for n, (capacitance, conductance, _) in enumerate(candidates.T):
-        deviations, sizes = [], []
-        for j in range(512):
-            z = np.exp(1j * np.pi * j / 511)
-            g = [
-                (1 - np.exp(-k * PERIOD / c)) / k / (z - np.exp(-k * PERIOD / c))
-                for c, k in ((2e6, 150.0), (capacitance, conductance))
-            ]
-            deviations.append(abs(g[1] - g[0]))
-            sizes.append(abs(g[0]))
-        assert errors.h2[n, 0, 1] == pytest.approx(
-            np.sqrt(sum(d * d for d in deviations) / sum(s * s for s in sizes)), rel=1e-9
-        )
-        assert errors.h_infinity[n, 0, 1] == pytest.approx(max(deviations) / max(sizes), rel=1e-9)

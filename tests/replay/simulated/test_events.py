@@ -25,11 +25,6 @@ def test_square_wave_has_the_stated_amplitude_durations_and_duty(wave: SquareWav
     assert (flow > 0).mean() == pytest.approx(on / (on + off), rel=5 / np.sqrt(events))
 
 
-def test_square_wave_at_a_coarse_period_still_lasts_a_step() -> None:
-    flow = square_wave(HEATER, 5000, 4 * HOUR, np.random.default_rng(1))
-    assert 0 < (flow > 0).mean() < 1
-
-
 def test_habits_keep_to_their_days_hours_and_strength() -> None:
     start = midnight(2025, 5, 5, "UTC")  # a Monday; wall clock and UTC are one here
     local = np.arange(start, start + 28 * DAY, 60)

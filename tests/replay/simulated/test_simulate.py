@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 from scipy.integrate import solve_ivp
 
 from estimator.network.assembly import assemble, theta_vector
@@ -39,8 +38,3 @@ def test_process_noise_has_the_stated_size_and_comes_from_the_generator() -> Non
     shocks = states[1:] - states[:-1] @ dynamics(tite(), TITE_THETA, 600.0).transition.T
     # 5 standard errors of a standard deviation from 4000 draws
     assert np.allclose(shocks.std(axis=0), 0.03, atol=5 * 0.03 / np.sqrt(2 * 4000))
-
-
-def test_process_noise_without_a_generator_is_refused() -> None:
-    with pytest.raises(ValueError, match="random generator"):
-        simulate(tite(), TITE_THETA, np.zeros((2, 2)), 600.0, x0=np.zeros(2), process_noise_sd=0.1)

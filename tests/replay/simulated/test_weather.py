@@ -31,14 +31,6 @@ def test_equinox_day_lasts_twelve_hours_at_any_latitude() -> None:
         assert (cos_zenith(equinox, Site(latitude, 0.0)) > 0).mean() == pytest.approx(0.5, abs=0.01)
 
 
-def test_clear_sky_follows_haurwitz() -> None:
-    height = cos_zenith(YEAR_2025)
-    at = np.argmax(height)
-    expected = 1098.0 * height[at] * np.exp(-0.059 / height[at])
-    assert clear_sky(YEAR_2025)[at] == pytest.approx(expected, rel=1e-12)
-    assert (clear_sky(YEAR_2025)[height <= 0] == 0).all()
-
-
 def test_a_year_looks_like_konstanz() -> None:
     sky = weather(YEAR_2025, KONSTANZ, 0)
     assert sky.outdoor.mean() == pytest.approx(10.0, abs=1.5)
