@@ -16,7 +16,6 @@ from replay.bms.registers import Register
 
 WEATHER_UNIT_ID = 1
 FIRST_ROOM_UNIT_ID = 11
-FIRST_METER_UNIT_ID = 100
 
 _JOULES_PER_WATT_HOUR = 3600.0
 # The first counter rolls over soon after the start, where the mistakes of its readers are.
@@ -44,16 +43,14 @@ class Device(NamedTuple):
     unit_id: int
     channels: tuple[Channel, ...]
     room: int | None = None
-    published: bool = True
-    """Whether its values are put on Zenoh too."""
 
     def channel(self, name: str) -> Channel | None:
         """The channel called `name`."""
         return next((channel for channel in self.channels if channel.name == name), None)
 
 
-def devices(building: Building, *, pace: float, meters: int = 0, registers: int = 100) -> tuple[Device, ...]:
-    """Weather station, a controller per room, and `meters` cheap devices of `registers` registers each, for load.
+def devices(building: Building, *, pace: float) -> tuple[Device, ...]:
+    """Weather station, and a controller per room.
 
     Energy counters count what flows in wall-clock time: at `pace` simulated seconds per second, a `pace`th of the heat
     of the simulated time.
@@ -62,8 +59,7 @@ def devices(building: Building, *, pace: float, meters: int = 0, registers: int 
         Device(room.name, FIRST_ROOM_UNIT_ID + k, _controller(building, k, pace), k)
         for k, room in enumerate(building.rooms)
     ]
-    load = [Device(f"meter{k + 1}", FIRST_METER_UNIT_ID + k, _meter(registers), published=False) for k in range(meters)]
-    return (_weather_station(len(rooms)), *rooms, *load)
+    return (_weather_station(len(rooms)), *rooms)
 
 
 def _weather_station(rooms: int) -> Device:
@@ -136,16 +132,6 @@ def _integers(room: int, pace: float) -> tuple[Channel, ...]:
         ),
         Channel("energy", "Wh", Register("input", 203, "uint64", "BADC", counter=True), _energy(room, pace)),
         Channel("pump", "1", Register("discrete", 3, "bool"), lambda now: float(now.power[room] > 0)),
-    )
-
-
-def _meter(registers: int) -> tuple[Channel, ...]:
-    def wandering(index: int) -> Read:
-        return lambda now: 15.0 + (now.time // 5 + index) % 100 / 10
-
-    return tuple(
-        Channel(f"t{k}", "degC", Register("input", k, "int16", scale=0.1, sentinel=-0x8000), wandering(k))
-        for k in range(registers)
     )
 
 

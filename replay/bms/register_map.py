@@ -12,17 +12,8 @@ HEADINGS = ("device", "unit_id", "channel", "table", "register", "words", "type"
 
 
 def as_text(plant: Sequence[Device]) -> list[str]:
-    """The map as lines of a table; of devices that are there for load, the first one's first row."""
-    rows = [_row(device, channel) for device in plant if device.published for channel in device.channels]
-    load = [device for device in plant if not device.published]
-    if not load:
-        return aligned([HEADINGS, *rows])
-    first, last = load[0], load[-1]
-    return [
-        *aligned([HEADINGS, *rows]),
-        f"{first.name} (unit id {first.unit_id}) to {last.name} ({last.unit_id}): input registers 0 to "
-        f"{len(first.channels) - 1}, int16, scale 0.1, degC",
-    ]
+    """The map as lines of a table."""
+    return aligned([HEADINGS, *(_row(device, channel) for device in plant for channel in device.channels)])
 
 
 def _row(device: Device, channel: Channel) -> tuple[str, ...]:

@@ -42,8 +42,6 @@ class BmsOptions:
     over: str = "modbus"
     pace: float = 60.0
     seed: int = 1
-    meters: int = 0
-    registers: int = 100
     faults: Sequence[FaultSpec] = ()
     config: Path | None = None
     overrides: Sequence[str] = ()
@@ -66,13 +64,7 @@ def simulate_bms(options: BmsOptions) -> int:
 
 async def serve(options: BmsOptions, stop: asyncio.Event, ready: Callable[[list[str]], None]) -> None:
     """Serve until `stop`; `ready` is called with what there is to say once everything answers."""
-    simulation = Simulation(
-        zones=options.zones,
-        seed=options.seed,
-        pace=options.pace,
-        meters=options.meters,
-        registers=options.registers,
-    )
+    simulation = Simulation(zones=options.zones, seed=options.seed, pace=options.pace)
     for fault in options.faults:
         simulation.faults.add(fault)
     http = HttpServer(create_control(simulation), HttpConfig(port=options.control_port), "--control-port")

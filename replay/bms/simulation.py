@@ -33,15 +33,13 @@ class Simulation:
         zones: int,
         seed: int,
         pace: float,
-        meters: int = 0,
-        registers: int = 100,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.pace = pace
         self.world = World(design(zones, seed), seed)
         self.building = self.world.building
         self.orders = Orders.none(len(self.building.rooms))
-        self.plant = devices(self.building, pace=pace, meters=meters, registers=registers)
+        self.plant = devices(self.building, pace=pace)
         self.faults = FaultBoard(self.plant, clock)
         self._clock = clock
         self._began = clock()

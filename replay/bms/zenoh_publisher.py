@@ -1,4 +1,4 @@
-"""The BMS's own Zenoh session: every published channel, again and again, in three formats.
+"""The BMS's own Zenoh session: every channel, again and again, in three formats.
 
 `bms/plain/<device>/<channel>` and `bms/json/<device>/<channel>` carry one value each, `bms/senml/<device>` all of a
 device. Publishers keep a cache and can be detected, so that an advanced subscriber recovers what it missed.
@@ -37,7 +37,7 @@ class ZenohPublisher:
     def __init__(self, session: zenoh.Session, simulation: Simulation) -> None:
         self._session = session
         self._simulation = simulation
-        self._devices = [device for device in simulation.plant if device.published]
+        self._devices = simulation.plant
         self._publishers = {
             key: zenoh.ext.declare_advanced_publisher(
                 session,

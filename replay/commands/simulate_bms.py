@@ -10,9 +10,6 @@ from replay.commands.options import Option, add_options
 from service.cli.arguments import AddCommand, number, whole
 
 _MOST_ZONES = 80
-_MOST_METERS = 148
-"""Unit ids of a Modbus line (1 to 247) from `replay.bms.plant.FIRST_METER_UNIT_ID` on."""
-_MOST_REGISTERS = 10_000
 SMALLEST_PACE, LARGEST_PACE = 0.01, 3600.0
 
 
@@ -37,10 +34,8 @@ def add_to(add: AddCommand) -> None:
         ),
         "--pace": (number(SMALLEST_PACE, LARGEST_PACE), "60", "X", "simulated seconds per second, at most 3600"),
         "--seed": (whole(0, 2**63 - 1), "1", "N", "of building, weather and people"),
-        "--devices": (whole(0, _MOST_METERS), "0", "N", "further devices for load"),
-        "--registers": (whole(1, _MOST_REGISTERS), "100", "N", "registers of each further device"),
     }
-    add_options(parser, options, devices="meters")
+    add_options(parser, options)
     parser.add_argument(
         "--fault",
         action="append",

@@ -19,7 +19,7 @@ PACES = [0.5, 1.0, 60.0, 77.0, 600.0, 3600.0]
 
 @pytest.mark.parametrize("pace", PACES)
 def test_what_is_written_is_what_the_daemon_reads(pace: float, tmp_path: Path) -> None:
-    plant = simulation(Clock(), pace=pace, meters=1)
+    plant = simulation(Clock(), pace=pace)
     path = tmp_path / "made" / "bms.toml"
     write_config(path, plant, over_modbus(5020))
     config = load(path)

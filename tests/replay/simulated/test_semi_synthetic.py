@@ -52,9 +52,7 @@ def _kalman(recording: Recording, *, gain_known: bool) -> dict[str, float]:
 
 
 @needs_lyngby
-def test_filters_that_know_the_building_score_the_published_floor_with_and_without_the_gain() -> (
-    None
-):
+def test_filters_that_know_the_building_score_the_published_floor_with_and_without_the_gain() -> None:
     recording = generate(LYNGBY, seed=1)
     known, ignored = (_kalman(recording, gain_known=known) for known in (True, False))
     assert known["rmse"] == pytest.approx(0.064, abs=0.002)
