@@ -7,7 +7,7 @@ writes; on a slow machine both are slower, and no number is another.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -34,14 +34,10 @@ _FILE, _CONFIGURATION = "building-SYNTHETIC.csv", "demo.toml"
 
 
 class Demo(NamedTuple):
-    """A building of `zones` rooms that lives `pace` simulated seconds in a second, logged in `directory`. Ports of 0
-    are any free ones."""
+    """A building that lives `pace` simulated seconds in a second, logged in `directory`."""
 
     directory: Path
-    zones: int = 4
-    pace: float = 600.0
-    seed: int = 1
-    control_port: int = 0
+    pace: float
     overrides: tuple[str, ...] = ()
     """Changes to the written configuration, as of `--set`."""
 
@@ -59,17 +55,14 @@ async def live(demo: Demo, stop: asyncio.Event, ready: Callable[[tuple[Path, str
     """Live until `stop`; `ready` is called with the configuration and the URL of the control surface."""
     elapsed = 0.0
     # The simulation counts real seconds; here they pass as the rows do.
-    simulation = Simulation(zones=demo.zones, seed=demo.seed, pace=demo.pace, clock=lambda: elapsed / demo.pace)
+    simulation = Simulation(zones=4, seed=1, pace=demo.pace, clock=lambda: elapsed / demo.pace)
     rooms, weather = columns(simulation)
     demo.directory.mkdir(parents=True, exist_ok=True)
     configuration = demo.directory / _CONFIGURATION
     raw = apply_overrides(_configuration(rooms, weather, simulation), demo.overrides)
     configuration.write_text(_HEAD + tomli_w.dumps(raw), encoding="utf-8")
-    http = HttpServer(create_control(simulation), HttpConfig(port=demo.control_port), "the control surface")
-    loop, every = (
-        asyncio.get_running_loop(),
-        [*weather.values(), *(column for room in rooms for column in room.values())],
-    )
+    http = HttpServer(create_control(simulation), HttpConfig(port=0), "the control surface")
+    loop, every = asyncio.get_running_loop(), [column for group in (weather, *rooms) for column in group.values()]
     # A folder that is kept goes on where it was: the same seed lives the same days again, at once.
     lived = max(LIVED_DAYS * DAY, _rows(demo.directory / _FILE) * _ROW)
     with (demo.directory / _FILE).open("w", encoding="utf-8") as log:
@@ -80,7 +73,9 @@ async def live(demo: Demo, stop: asyncio.Event, ready: Callable[[tuple[Path, str
             ready((configuration, http.url))
             due = loop.time()
             while not stop.is_set():
-                log.write(",".join([written_time(simulation.world.now.time), *_cells(every)]) + "\n")
+                values = (column.read() for column in every)
+                cells = (f"{value:.3f}" if isfinite(value) else "" for value in values)
+                log.write(",".join([written_time(simulation.world.now.time), *cells]) + "\n")
                 elapsed += _ROW
                 simulation.catch_up()
                 due = max(due + (_ROW / demo.pace if elapsed > lived else 0.0), loop.time())
@@ -164,12 +159,6 @@ def _rows(log: Path) -> int:
 
 def _set_point(simulation: Simulation, room: int) -> float:
     return float(simulation.world.now.set_point[room])
-
-
-def _cells(every: list[Column]) -> Iterator[str]:
-    for column in every:
-        value = column.read()
-        yield f"{value:.3f}" if isfinite(value) else ""
 
 
 _HEAD = """\

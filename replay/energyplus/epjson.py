@@ -1,28 +1,23 @@
-"""A `Building` as EnergyPlus reads it (epJSON).
+"""A `Building` as EnergyPlus reads it (epJSON); `model.toml` has what all models share.
 
-Nothing in the model has a schedule of its own: heaters, people, equipment, lights and windows are objects of size one
-that the plant drives from outside. There is no HVAC system, and the system's step is the zone's step, so that whatever
-is set at the beginning of a step acts during the whole of it.
+There is no HVAC system, and the system's step is the zone's step, so that whatever is set at the beginning of a step
+acts during the whole of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import tomllib
+from collections.abc import Sequence
 from datetime import date
+from importlib.resources import files
 from typing import Any
 
 from replay.energyplus.buildings import OPPOSITE, PARTS, SIDES, Building, Construction, Room, Side
 
 STEP = 300.0
 """Seconds of a step."""
-AIR_MULTIPLIER = 4.0
-"""Heat capacity of the air with what is quick to follow it (furniture, books), over that of the air alone."""
-HEATER_RADIANT = 0.3
-"""Share of a panel's heat that goes to the surfaces by radiation; the rest heats the air."""
-
 _YEARS = 20
-_ALWAYS, _ACTIVITY = "always", "activity"
-_WATTS_PER_PERSON = 120.0
+_ALWAYS = "always"
 
 Model = dict[str, dict[str, dict[str, Any]]]
 
@@ -39,8 +34,8 @@ def surface(room: str, side: Side) -> str:
 
 def model_of(building: Building, begin: date) -> Model:
     """The model of `building` from the midnight that begins the day `begin` on, for twenty years."""
-    model: Model = {
-        "Version": {"Version": {"version_identifier": "25.2"}},
+    shared = tomllib.loads(files(__package__).joinpath("model.toml").read_text(encoding="utf-8"))
+    model: Model = shared["base"] | {
         "Building": {
             building.name: {
                 "terrain": "Suburbs",
@@ -49,43 +44,22 @@ def model_of(building: Building, begin: date) -> Model:
                 "maximum_number_of_warmup_days": 50,
             }
         },
-        "GlobalGeometryRules": {
-            "rules": {
-                "starting_vertex_position": "UpperLeftCorner",
-                "vertex_entry_direction": "Counterclockwise",
-                "coordinate_system": "World",
-            }
-        },
         "Timestep": {"step": {"number_of_timesteps_per_hour": round(3600 / STEP)}},
         "ConvergenceLimits": {"limits": {"minimum_system_timestep": round(STEP / 60)}},
-        # The step's balance is that of its two ends: heat in = C (T_(k+1) - T_k), without a memory of earlier steps.
-        "ZoneAirHeatBalanceAlgorithm": {"algorithm": {"algorithm": "EulerMethod"}},
-        "ZoneCapacitanceMultiplier:ResearchSpecial": {
-            "air": {"temperature_capacity_multiplier": AIR_MULTIPLIER},
-        },
-        "SimulationControl": {
-            "control": {
-                "run_simulation_for_sizing_periods": "No",
-                "run_simulation_for_weather_file_run_periods": "Yes",
-            }
-        },
-        "RunPeriod": {"period": _period(begin)},
-        "Schedule:Constant": {
-            _ALWAYS: {"hourly_value": 1.0},
-            _ACTIVITY: {"hourly_value": _WATTS_PER_PERSON},
-        },
         "WindowMaterial:SimpleGlazingSystem": {
             "glazing": {
                 "u_factor": building.glazing.u_value,
                 "solar_heat_gain_coefficient": building.glazing.solar_heat_gain,
             }
         },
-        "Construction": {"window": {"outside_layer": "glazing"}},
-        "Material": {},
-        "Zone": {},
-        "BuildingSurface:Detailed": {},
-        "FenestrationSurface:Detailed": {},
+        **{kind: {} for kind in ("Material", "Zone", "BuildingSurface:Detailed", "FenestrationSurface:Detailed")},
         "ZoneCrossMixing": {},
+    }
+    model["RunPeriod"]["period"] |= {
+        "begin_year": begin.year,
+        "begin_month": begin.month,
+        "begin_day_of_month": begin.day,
+        "end_year": begin.year + _YEARS,
     }
     for name in PARTS:
         _add_construction(model, name, getattr(building, name))
@@ -94,21 +68,17 @@ def model_of(building: Building, begin: date) -> Model:
         for side in SIDES:
             _add_side(model, room, side)
         _add_doors(model, room, building.doors)
-        _add_loads(model, room, building.air_changes)
+        for kind, objects in shared["loads"].items():
+            for name, fields in objects.items():
+                zone = {"zone_or_zonelist_or_space_or_spacelist_name": room.name}
+                model.setdefault(kind, {})[name.format(room.name)] = zone | fields
+        joints = model["ZoneInfiltration:DesignFlowRate"][part(room.name, "joints")]
+        joints["air_changes_per_hour"] = building.air_changes / _BLAST_AT_DESIGN
     return {kind: objects for kind, objects in model.items() if objects}
 
 
-def _period(begin: date) -> dict[str, Any]:
-    return {
-        "begin_year": begin.year,
-        "begin_month": begin.month,
-        "begin_day_of_month": begin.day,
-        "end_year": begin.year + _YEARS,
-        "end_month": 12,
-        "end_day_of_month": 31,
-        "use_weather_file_holidays_and_special_days": "No",
-        "use_weather_file_daylight_saving_period": "No",
-    }
+_BLAST_AT_DESIGN = 0.606 + 20.0 * 0.03636 + 3.4 * 0.1177
+"""What the coefficients of the joints come to at 20 K and 3.4 m/s."""
 
 
 def _add_construction(model: Model, name: str, layers: Construction) -> None:
@@ -212,45 +182,3 @@ def _add_doors(model: Model, room: Room, flow: float) -> None:
                 "schedule_name": _ALWAYS,
                 "design_flow_rate": flow,
             }
-
-
-def _add_loads(model: Model, room: Room, air_changes: float) -> None:
-    """What the plant drives, and the joints of the envelope, which the weather drives."""
-    zone = "zone_or_zonelist_or_space_or_spacelist_name"
-    for kind, name, fields in _loads(room.name):
-        model.setdefault(kind, {})[name] = {zone: room.name} | fields
-    model.setdefault("ZoneInfiltration:DesignFlowRate", {})[f"{room.name} joints"] = {
-        zone: room.name,
-        "schedule_name": _ALWAYS,
-        "design_flow_rate_calculation_method": "AirChanges/Hour",
-        "air_changes_per_hour": air_changes / _BLAST_AT_DESIGN,
-        "constant_term_coefficient": _BLAST[0],
-        "temperature_term_coefficient": _BLAST[1],
-        "velocity_term_coefficient": _BLAST[2],
-    }
-
-
-def _loads(room: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    scheduled = {"schedule_name": _ALWAYS}
-    yield "OtherEquipment", part(room, "heater"), scheduled | {"design_level": 1.0, "fraction_radiant": HEATER_RADIANT}
-    yield "ElectricEquipment", part(room, "equipment"), scheduled | {"design_level": 1.0, "fraction_radiant": 0.3}
-    yield (
-        "Lights",
-        part(room, "lights"),
-        scheduled | {"lighting_level": 1.0, "fraction_radiant": 0.4, "fraction_visible": 0.2},
-    )
-    yield (
-        "People",
-        part(room, "people"),
-        {
-            "number_of_people_schedule_name": _ALWAYS,
-            "number_of_people": 1.0,
-            "activity_level_schedule_name": _ACTIVITY,
-        },
-    )
-    yield "ZoneVentilation:DesignFlowRate", part(room, "windows"), scheduled | {"design_flow_rate": 1.0}
-
-
-_BLAST = (0.606, 0.03636, 0.1177)
-"""Infiltration: constant, per K inside over outside and per m/s of wind (the coefficients of BLAST)."""
-_BLAST_AT_DESIGN = _BLAST[0] + 20.0 * _BLAST[1] + 3.4 * _BLAST[2]

@@ -15,6 +15,7 @@ import numpy as np
 
 from estimator.arrays import Array
 from replay.energyplus.buildings import Building
+from replay.energyplus.heating import proportional
 from replay.energyplus.plant import STEP, Inputs, Plant, Readings
 from replay.energyplus.weather import WeatherFile, write_steady
 from replay.localtime import DAY
@@ -59,8 +60,7 @@ def _settled(building: Building, weather: WeatherFile, held: Array) -> tuple[Arr
     rated = np.array([room.heater for room in building.rooms])
 
     def keep(now: Readings) -> Inputs:
-        power = np.clip((held - now.air) / _BAND, 0.0, 1.0) * rated
-        return Inputs(power, *np.zeros((len(Inputs._fields) - 1, len(rated))))
+        return Inputs(proportional(rated, now.air, held, _BAND), *np.zeros((len(Inputs._fields) - 1, len(rated))))
 
     powers, excess = [], []
     with Plant(building, weather, warm_up=keep) as plant:

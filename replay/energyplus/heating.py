@@ -34,14 +34,9 @@ class OnOff:
         return np.asarray(self._on * self._rated, dtype=np.float64)
 
 
-class Proportional:
-    """Power in proportion to what is missing to the set-point, all of it _BAND K below."""
-
-    def __init__(self, rated: Array) -> None:
-        self._rated = rated
-
-    def __call__(self, local: float, air: Array, set_points: Array) -> Array:
-        return np.asarray(np.clip((set_points - air) / _BAND, 0.0, 1.0) * self._rated, dtype=np.float64)
+def proportional(rated: Array, air: Array, set_points: Array, band: float = _BAND) -> Array:
+    """Power (N,) in W in proportion to what is missing to the set-points, all of it `band` K below."""
+    return np.asarray(np.clip((set_points - air) / band, 0.0, 1.0) * rated, dtype=np.float64)
 
 
 class Planned:
@@ -65,15 +60,13 @@ class Planned:
 
 HEATINGS: Mapping[str, Callable[[Array, int], Heating]] = {
     "on-off": lambda rated, seed: OnOff(rated),
-    "proportional": lambda rated, seed: Proportional(rated),
+    "proportional": lambda rated, seed: lambda local, air, set_points: proportional(rated, air, set_points),
     "planned": Planned,
 }
 
 
 def heating_named(name: str, building: Building, seed: int) -> Heating:
     """A new controller of that name for the heaters of `building`; ReplayError, listing the names, for another name."""
-    try:
-        build = HEATINGS[name]
-    except KeyError:
-        raise ReplayError(f"there is no heating '{name}'; there are {', '.join(HEATINGS)}") from None
-    return build(np.array([room.heater for room in building.rooms]), seed)
+    if name not in HEATINGS:
+        raise ReplayError(f"there is no heating '{name}'; there are {', '.join(HEATINGS)}")
+    return HEATINGS[name](np.array([room.heater for room in building.rooms]), seed)

@@ -13,6 +13,7 @@ from estimator.arrays import Array
 from replay.energyplus import epjson
 from replay.energyplus.buildings import Building
 from replay.energyplus.engine import Actuator, EnergyPlusError, Engine, Values, Variable
+from replay.energyplus.heating import proportional
 from replay.energyplus.library import weather_folder
 from replay.energyplus.weather import WeatherFile, weather_file
 
@@ -153,8 +154,8 @@ class Plant:
         self.close()
 
     def _keep_warm(self, readings: Readings) -> Inputs:
-        missing = (_WARM_UP_TEMPERATURE - readings.air) / _WARM_UP_BAND
-        return self.idle()._replace(heating=np.clip(missing, 0.0, 1.0) * self._heaters)
+        wanted = np.full(len(self._heaters), _WARM_UP_TEMPERATURE)
+        return self.idle()._replace(heating=proportional(self._heaters, readings.air, wanted, _WARM_UP_BAND))
 
     def _look(self, values: Values) -> Readings:
         rooms = len(self.building.rooms)

@@ -8,8 +8,8 @@ from importlib.util import find_spec
 
 from estimator import registry
 from replay.errors import ReplayError
-from replay.experiments.hours_ahead.direct import BLIND, BOOSTING, DIRECT, RIDGE, DirectRun, lightgbm, run_direct
-from replay.experiments.hours_ahead.forecasts import PERSISTENCE, YESTERDAY, NaiveRun, run_naive
+from replay.experiments.hours_ahead.direct import BLIND, BOOSTING, DIRECT, RIDGE, lightgbm, run_direct
+from replay.experiments.hours_ahead.forecasts import PERSISTENCE, YESTERDAY, PlainRun, run_naive
 from replay.experiments.hours_ahead.horizons import leads_of
 from replay.experiments.hours_ahead.recordings import Recording
 from replay.experiments.hours_ahead.runs import HoursRun, run_hours
@@ -77,10 +77,9 @@ def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) 
     """
     leads, series, period = tuple(leads_of(recording.period).values()), recording.series, recording.period
     label = f"{recording.name} {contender.label}"
-    if contender.estimator in NAIVE:
-        yield Job(label, seeds[0], run_naive, NaiveRun(contender.estimator, series, period, leads))
-    elif contender.estimator in DIRECT:
-        yield Job(label, seeds[0], run_direct, DirectRun(contender.estimator, series, period, leads, seeds[0]))
+    if contender.estimator in (*NAIVE, *DIRECT):
+        work = run_naive if contender.estimator in NAIVE else run_direct
+        yield Job(label, seeds[0], work, PlainRun(contender.estimator, series, period, leads, seeds[0]))
     else:
         registry.resolve(contender.estimator, recording.network, period, contender.options)
         for seed in seeds if seeded(contender) else seeds[:1]:

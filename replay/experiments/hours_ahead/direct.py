@@ -9,13 +9,13 @@ that of its own errors that have come true in the last week.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from estimator.arrays import Array
 from replay.errors import ReplayError
-from replay.experiments.hours_ahead.forecasts import last_measured, no_forecasts, normal
+from replay.experiments.hours_ahead.forecasts import PlainRun, last_measured, no_forecasts, normal
 from replay.experiments.hours_ahead.horizons import issued
 from replay.experiments.jobs import Arrays
 from replay.experiments.series.filtering import Series
@@ -45,17 +45,7 @@ _TREES: Mapping[str, Any] = {
 Predict = Callable[[Array], Array]
 
 
-class DirectRun(NamedTuple):
-    """A direct regression by name; `period` in s."""
-
-    name: str
-    series: Series
-    period: float
-    leads: tuple[int, ...]
-    seed: int
-
-
-def run_direct(run: DirectRun) -> Arrays:
+def run_direct(run: PlainRun) -> Arrays:
     """The arrays of `Forecasts`."""
     series, made = run.series, no_forecasts(len(run.series.times), len(run.leads))
     a_day = max(1, round(DAY / run.period))
@@ -100,7 +90,7 @@ def regressors(series: Series, period: float, origin: Array, lead: int, blind: b
     return np.column_stack([*columns, np.sin(angle), np.cos(angle)])
 
 
-def _forecast(run: DirectRun, origin: Array, lead: int, a_day: int) -> tuple[Array, Array]:
+def _forecast(run: PlainRun, origin: Array, lead: int, a_day: int) -> tuple[Array, Array]:
     """Mean and standard deviation (n,) of the forecasts after `origin` (n,)."""
     y = run.series.outputs[:, 0]
     now = last_measured(y)[origin]

@@ -31,13 +31,14 @@ class Forecasts(NamedTuple):
     crps: Array
 
 
-class NaiveRun(NamedTuple):
-    """A forecast without a model, by name; `period` in s."""
+class PlainRun(NamedTuple):
+    """A forecast without an estimator, by name; `period` in s."""
 
     name: str
     series: Series
     period: float
     leads: tuple[int, ...]
+    seed: int = 0
 
 
 def no_forecasts(rows: int, horizons: int) -> Forecasts:
@@ -45,7 +46,7 @@ def no_forecasts(rows: int, horizons: int) -> Forecasts:
     return Forecasts(*(np.full((rows, horizons), np.nan) for _ in Forecasts._fields))
 
 
-def run_naive(run: NaiveRun) -> Arrays:
+def run_naive(run: PlainRun) -> Arrays:
     """The arrays of `Forecasts`: that nothing changes, or that the next day is like the last.
 
     Where nothing was measured at the time in question, the last value measured before it stands in. Yesterday stands

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from estimator.network.network import Network
 from replay.experiments.request import Request
 from replay.experiments.study import Contender, Results, Study
-from replay.lab.experiments import published
+from replay.lab.experiments.published import PUBLISHED
 from replay.lab.experiments.semi_synthetic.building import (
     AUC,
     BUILDING,
@@ -95,7 +95,7 @@ def _table(results: Results, base: str) -> Table:
         (
             label,
             *(results.spread(base, label, figure) for figure in COLUMNS.values()),
-            next((said for begin, said in published.SENSITIVITY.items() if label.startswith(begin)), None),
+            next((said for begin, said in PUBLISHED["sensitivity"].items() if label.startswith(begin)), None),
         )
         for label in results.contenders
     )

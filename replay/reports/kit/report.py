@@ -78,11 +78,9 @@ def page(report: Report) -> str:
 
 
 def _section(section: Section) -> str:
-    parts = [f"<section><h2>{escape(section.title)}</h2>"]
-    parts += [_paragraph(text) for text in section.paragraphs]
-    parts += [table.html() for table in section.tables]
-    parts += [_plot(plot) for plot in section.plots]
-    return "".join([*parts, "</section>"])
+    tables = [table.html() for table in section.tables]
+    parts = [*map(_paragraph, section.paragraphs), *tables, *map(_plot, section.plots)]
+    return f"<section><h2>{escape(section.title)}</h2>{''.join(parts)}</section>"
 
 
 def _paragraph(text: str) -> str:
@@ -97,13 +95,10 @@ def _plot(plot: Plot) -> str:
     )
     # In a script a "</" would end it, whatever a channel is called.
     drawn = figure.to_json().replace("</", "<\\/")
-    data = f"<script type='application/json'>{drawn}</script>"
-    return _figure(plot.title, f"<div class='plot' style='min-height:{plot.height}px'>{data}</div>", plot.reading)
-
-
-def _figure(title: str, content: str, reading: str) -> str:
-    caption, below = f"<figcaption>{escape(title)}</figcaption>", f"<p class='reading'>{_inline(reading)}</p>"
-    return f"<figure>{caption}{content}{below}</figure>"
+    return (
+        f"<figure><figcaption>{escape(plot.title)}</figcaption><div class='plot' style='min-height:{plot.height}px'>"
+        f"<script type='application/json'>{drawn}</script></div><p class='reading'>{_inline(plot.reading)}</p></figure>"
+    )
 
 
 def _inline(text: str) -> str:

@@ -16,14 +16,14 @@ from estimator.network.presets import automatic, building_67
 from estimator.types import Mixture
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead.contenders import contenders, seeded
-from replay.experiments.hours_ahead.direct import BLIND, RIDGE, DirectRun, regressors, run_direct
+from replay.experiments.hours_ahead.direct import BLIND, RIDGE, regressors, run_direct
 from replay.experiments.hours_ahead.experiment import COVERED, OVER_BEST
 from replay.experiments.hours_ahead.figures import figures, key
 from replay.experiments.hours_ahead.forecasts import (
     PERSISTENCE,
     YESTERDAY,
     Forecasts,
-    NaiveRun,
+    PlainRun,
     no_forecasts,
     normal,
     run_naive,
@@ -81,7 +81,7 @@ def test_the_first_days_are_three_or_the_first_half_of_a_short_record() -> None:
 
 
 def naive(name: str, record: Series, *leads: int) -> np.ndarray:
-    return run_naive(NaiveRun(name, record, 6 * HOUR, leads))["mean"]
+    return run_naive(PlainRun(name, record, 6 * HOUR, leads))["mean"]
 
 
 def test_persistence_and_yesterday_are_exact() -> None:
@@ -128,7 +128,7 @@ def test_the_regressors_are_those_of_a_textbook() -> None:
 
 
 def direct(name: str, record: Series) -> Forecasts:
-    arrays = run_direct(DirectRun(name, record, HOUR, (1, 6), 1))
+    arrays = run_direct(PlainRun(name, record, HOUR, (1, 6), 1))
     return Forecasts(*(arrays[field] for field in Forecasts._fields))
 
 

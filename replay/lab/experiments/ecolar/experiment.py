@@ -18,9 +18,9 @@ from replay.experiments.series.filtering import FilterRun, Series, Trace
 from replay.experiments.series.least_squares import LeastSquaresRun, segments_of
 from replay.experiments.series.networks import network_of
 from replay.experiments.study import Contender, Figures, Results, Run, Study
-from replay.lab.experiments import published
 from replay.lab.experiments.ecolar.nights import DAYTIME, NightRun, score_nights
 from replay.lab.experiments.ecolar.standins import PERIODS, configuration
+from replay.lab.experiments.published import PUBLISHED
 from replay.localtime import DAY, HOUR, wall_clock
 from replay.reports.kit.report import Report, Section
 from replay.reports.kit.table import Table
@@ -167,10 +167,7 @@ def _report(results: Results, real: bool, periods: Mapping[str, Series]) -> Repo
                         "ecolar-nights",
                         "Open-loop RMSE of the nights (Table 8), K",
                         {"standard deviation, final" if name.startswith("sd") else name: name for name in _NIGHTS},
-                        quoted={
-                            f"{label}, paper (Table 8), {period}, real recordings": (median, sd, None)
-                            for (period, label), (median, sd) in published.ECOLAR_NIGHTS.items()
-                        },
+                        quoted={label: (*both, None) for label, both in PUBLISHED["ecolar_nights"].items()},
                         note="Only nights without a gap. Published figures are of the real recordings.",
                     ),
                 ),
@@ -184,7 +181,7 @@ _NIGHTS = ("median, final", "sd, final", "median, evening")
 
 def _calibration(results: Results, convention: str) -> Table:
     names = ("coverage", "by day", "otherwise", "width, K", "Winkler, K", "RMSE, K")
-    of = published.ECOLAR_CALIBRATION
+    of = PUBLISHED["ecolar_calibration"]
     quoted = {
         "RBPF, paper (Table 7), real recordings, both periods": (
             of["coverage"],

@@ -17,7 +17,7 @@ from replay.experiments.series.filtering import FilterRun, Series, Trace, run_fi
 from replay.experiments.series.least_squares import LeastSquaresRun, fit, segments_of
 from replay.experiments.series.networks import network_of
 from replay.experiments.study import Contender, Figures, Results, Run, Study
-from replay.lab.experiments import published
+from replay.lab.experiments.published import CHANNELS
 from replay.reports.kit.report import Report
 from replay.scores.intervals import Mask, interval_scores, rmse
 from replay.scores.learning import area_under_roc, parasitic_learning_index, update_magnitudes
@@ -118,7 +118,7 @@ def key(convention: str, score: str, regime: str = OVERALL) -> str:
 
 def channels(network: Network) -> dict[str, str]:
     """What the paper calls the inputs of `network`: sun, heater, outside in this order, then any others."""
-    named = {name: called for name, called in published.CHANNELS.items() if name in network.inputs}
+    named = {name: called for name, called in CHANNELS.items() if name in network.inputs}
     return named | {name: name for name in network.inputs if name not in named}
 
 
