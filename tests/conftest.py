@@ -1,11 +1,14 @@
 """What all tests share: a database server, and the daemon's choice of a kernel cache, made before Numba is imported."""
 
+from __future__ import annotations
+
 import asyncio
 import inspect
 import logging
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from support import postgres
@@ -13,6 +16,9 @@ from support import postgres
 from service.daemon.process import prepare_process
 
 prepare_process()
+
+if TYPE_CHECKING:
+    from support.shards import Shards
 
 LONG = [Path(__file__).parent / name for name in ("integration", "browser")]
 
@@ -42,6 +48,16 @@ def postgres_server() -> Iterator[postgres.Server]:
     """A PostgreSQL server for tests that leave it as it is; each takes a site of its own. Skips where there is none."""
     with postgres.server() as running:
         yield running
+
+
+@pytest.fixture
+def shards(postgres_server: postgres.Server) -> Iterator[Shards]:
+    """The owners of a site of its own in PostgreSQL."""
+    from support.shards import Shards
+
+    made = Shards(postgres_server)
+    yield made
+    made.close()
 
 
 @pytest.fixture

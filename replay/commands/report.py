@@ -50,8 +50,7 @@ def _report(arguments: argparse.Namespace) -> int:
     zones = [zone for zone in config.zones if arguments.zone in (None, zone.id)]
     watched = sys.stderr.isatty()
     if arguments.fleet:
-        from service.fleet.checks import fleet_of
-        from service.fleet.shards.database import connection_of
+        from service.fleet.checks import connection_of, fleet_of
         from service.store.postgres.reading import read_site
 
         with read_site(connection_of(fleet_of(config)), config.site.id) as state:

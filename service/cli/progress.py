@@ -3,25 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 
 from tqdm import tqdm
 
 _SLOW = 2.0
 """s after which progress is shown."""
-
-
-@contextmanager
-def bytes_done(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A function that takes how many more bytes are done, and how many there are in all."""
-    with tqdm(desc=what, unit="B", unit_scale=True, delay=_SLOW, disable=not sys.stderr.isatty()) as bar:
-
-        def tick(more: int, total: int) -> None:
-            bar.total = total
-            bar.update(more)
-
-        yield tick
 
 
 def sources_done(what: str, names: Sequence[str]) -> Iterable[str]:

@@ -1,10 +1,12 @@
-"""What a configuration needs to be run as a fleet."""
+"""What a configuration needs to be run as a fleet, and what a fleet needs of it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib.util import find_spec
 
+from adapters.errors import SourceConfigError
+from adapters.fields.logins import password
 from service.config.fleet import FleetConfig
 from service.config.site import Config
 from service.errors import ConfigError, ServiceError
@@ -26,6 +28,18 @@ def fleet_of(config: Config) -> FleetConfig:
         raise ConfigError(problems)
     assert config.fleet is not None
     return config.fleet
+
+
+def connection_of(fleet: FleetConfig) -> str:
+    """What psycopg connects with, the password from its file. Raises ServiceError where that cannot be read."""
+    from psycopg.conninfo import make_conninfo
+
+    if fleet.password_file is None:
+        return fleet.database
+    try:
+        return make_conninfo(fleet.database, password=password(fleet.password_file, None))
+    except SourceConfigError as error:
+        raise ServiceError(f"fleet.{error}; give it to the account that the fleet runs as") from error
 
 
 def _problems(config: Config) -> Iterator[str]:

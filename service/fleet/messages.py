@@ -18,15 +18,17 @@ class Beat(NamedTuple):
     boot: str
     node: str
     pid: int
-    version: int
-    """Of the plan that it goes by; 0 before the first."""
+    plan: int
+    """The version of the plan that it goes by; 0 before the first."""
     zones: int = 0
+    waiting: int = 0
+    """Zones of its own that another shard still has."""
     ready: bool = False
     problems: Sequence[str] = ()
     url: str = ""
     """Where a gateway serves."""
-    guilty: Mapping[str, str] = {}
-    """Zones that a shard does not run any more because they brought down its process, and how."""
+    reload_wanted: bool = False
+    """Whether a client of a gateway has asked for a reload."""
 
 
 class ZoneNews(NamedTuple):

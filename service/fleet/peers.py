@@ -7,9 +7,11 @@ body, whose coroutines are what can be asked of it. No other module knows Ray's 
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import sys
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -24,18 +26,16 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 from service.errors import Away, NoModel, ReloadRefused, ServiceError, TooManyQuestions
 from service.fleet.plan import Plan
 
-STEWARD = "steward"
+GATEWAY = "gateway-"
+"""What the name of every gateway begins with."""
 
-_PLAN = "plan"
+ANSWER_SECONDS = 5.0
+"""How long a sign of life may take."""
 
-_BODIES = {
-    "steward": "service.fleet.steward:Steward",
-    "shard": "service.fleet.shards.shard:Shard",
-    "gateway": "service.fleet.gateways.gateway:Gateway",
-}
-
-
-_PLAIN: Mapping[str, type[ServiceError]] = {error.__name__: error for error in (Away, NoModel, TooManyQuestions)}
+_PLAN = b"plan"
+_SHARD = "service.fleet.shards.shard:Shard"
+_GATEWAY = "service.fleet.gateways.gateway:Gateway"
+_PLAIN: dict[str, type[ServiceError]] = {error.__name__: error for error in (Away, NoModel, TooManyQuestions)}
 
 
 class Refusal(NamedTuple):
@@ -45,15 +45,15 @@ class Refusal(NamedTuple):
     sentences: list[str]
 
 
-class Member:
+class Actor:
     """The actor around every body."""
 
-    async def __init__(self, role: str, site: str, name: str) -> None:  # type: ignore[misc]  # as Ray has it
+    async def __init__(self, body: str, site: str, name: str) -> None:  # type: ignore[misc]  # as Ray has it
         # Before anything imports Numba, so here and not at the top.
         from service.daemon.process import prepare_process
 
         prepare_process()
-        module, _, kind = _BODIES[role].partition(":")
+        module, _, kind = body.partition(":")
         self._body = getattr(import_module(module), kind)(site, name)
         await self._body.wake()
 
@@ -76,16 +76,23 @@ class Peer:
         self._namespace = namespace(site)
         self._handle: ActorHandle | None = None
 
-    async def ask(self, method: str, *arguments: Any, timeout: float | None = None) -> Any:
-        """What the member answers. Raises Away, or the ServiceError that it raised."""
+    async def ask(self, method: str, *arguments: Any, timeout: float | None = None, give_up: bool = False) -> Any:
+        """What the member answers; with `give_up` it stops at it once nobody waits any more. Raises Away, or the
+        ServiceError that it raised."""
+        asked: Any = None
         try:
             async with asyncio.timeout(timeout):
                 handle: Any = self._handle
                 if handle is None:
                     handle = self._handle = await asyncio.to_thread(ray.get_actor, self.name, self._namespace)
-                answer = await handle.ask.remote(method, arguments)
-        except TimeoutError:
-            raise Away(f"{self.name} has not answered for {timeout:g} s") from None
+                asked = handle.ask.remote(method, arguments)
+                answer = await asked
+        except (TimeoutError, asyncio.CancelledError) as error:
+            if give_up and asked is not None:
+                ray.cancel(asked)
+            if isinstance(error, TimeoutError):
+                raise Away(f"{self.name} has not answered for {timeout:g} s") from None
+            raise
         except RayTaskError as error:
             raise ServiceError(f"{self.name} failed: {error.cause!r}") from error
         except (RayError, ValueError) as error:
@@ -93,14 +100,10 @@ class Peer:
             self._handle = None
             raise Away(f"{self.name} cannot be reached now; it is being started or moved") from error
         if isinstance(answer, Refusal):
-            raise _error(answer)
+            if answer.kind == "ReloadRefused":
+                raise ReloadRefused(answer.sentences)
+            raise _PLAIN.get(answer.kind, ServiceError)(" ".join(answer.sentences))
         return answer
-
-
-def _error(refusal: Refusal) -> ServiceError:
-    if refusal.kind == "ReloadRefused":
-        return ReloadRefused(refusal.sentences)
-    return _PLAIN.get(refusal.kind, ServiceError)(" ".join(refusal.sentences))
 
 
 def namespace(site: str) -> str:
@@ -108,11 +111,36 @@ def namespace(site: str) -> str:
     return f"thermogate-{site}"
 
 
-def create(role: str, site: str, name: str, cpus: float = 0.0, node: str | None = None) -> None:
+@contextmanager
+def joined(address: str) -> Iterator[None]:
+    """This process is a driver of the Ray cluster at `address`. Raises ServiceError."""
+    # Ray would tell its makers that it is used.
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    try:
+        ray.init(address=address, log_to_driver=False, configure_logging=False, logging_level=logging.ERROR)
+    except (ConnectionError, ValueError, RuntimeError) as error:
+        first = str(error).splitlines()[0]
+        raise ServiceError(
+            f"the Ray cluster {address} cannot be joined ({first}); start one with `ray start --head`, or name another "
+            "with --address"
+        ) from error
+    try:
+        yield
+    finally:
+        ray.shutdown()
+        sys.stdout.flush()
+
+
+def wanted(plan: Plan, nodes: Iterable[str]) -> dict[str, str | None]:
+    """The members that there should be, and of a gateway its machine."""
+    return {f"{GATEWAY}{node[:8]}": node for node in nodes} | dict.fromkeys(plan.shards)
+
+
+def create(site: str, name: str, cpus: float = 0.0, node: str | None = None) -> None:
     """Let there be a member, on any machine with so many processors to spare or on `node` alone; without effect if
     there is one of this name already. It outlives its creator."""
     strategy = "SPREAD" if node is None else NodeAffinitySchedulingStrategy(node, soft=False)
-    ray.remote(Member).options(
+    ray.remote(Actor).options(
         name=name,
         namespace=namespace(site),
         get_if_exists=True,
@@ -121,39 +149,13 @@ def create(role: str, site: str, name: str, cpus: float = 0.0, node: str | None 
         num_cpus=cpus,
         scheduling_strategy=strategy,
         max_concurrency=1000,
-    ).remote(role, site, name)
+    ).remote(_GATEWAY if node else _SHARD, site, name)
 
 
-async def keep_a_spare() -> bool:
-    """Let there be an idle process on this machine that has imported what a shard needs; whether there was one. Ray
-    takes it for the next member that starts here. Raises Away."""
-    here = NodeAffinitySchedulingStrategy(own_node(), soft=False)
-    task = ray.remote(_import_what_shards_need).options(num_cpus=0, max_retries=0, scheduling_strategy=here)
+def remove(site: str, name: str, for_good: bool = True) -> None:
+    """End a member, or have Ray start it anew in another process; without effect if there is none."""
     try:
-        # It asks the head of the cluster, which may be away.
-        there: bool = await (await asyncio.to_thread(task.remote))
-    except RayError as error:
-        raise Away("no process can be started on this machine now") from error
-    return there
-
-
-def _import_what_shards_need() -> bool:
-    """Whether this process had imported it before."""
-    from service.daemon.process import prepare_process
-    from service.store.postgres.database import driver
-
-    name = _BODIES["shard"].partition(":")[0]
-    there = name in sys.modules
-    prepare_process()
-    import_module(name)
-    driver()
-    return there
-
-
-def remove(site: str, name: str) -> None:
-    """End a member for good; without effect if there is none."""
-    try:
-        ray.kill(ray.get_actor(name, namespace(site)), no_restart=True)
+        ray.kill(ray.get_actor(name, namespace(site)), no_restart=for_good)
     except (RayError, ValueError):
         return
 
@@ -169,26 +171,19 @@ def remember(site: str, plan: Plan) -> None:
 
     Whoever can write there runs what they like on every machine of the cluster: Ray keeps the code of its actors there.
     """
-    _internal_kv_put(_PLAN.encode(), cloudpickle.dumps(plan), overwrite=True, namespace=namespace(site).encode())
+    _internal_kv_put(_PLAN, cloudpickle.dumps(plan), overwrite=True, namespace=namespace(site).encode())
 
 
 def remembered(site: str) -> Plan | None:
-    """The plan that was kept last; None if none was. A process that is started anew goes on with it at once: the
-    steward, which would tell it, may have been on the same machine."""
-    kept = _internal_kv_get(_PLAN.encode(), namespace=namespace(site).encode())
+    """The plan that was kept last; None if none was."""
+    kept = _internal_kv_get(_PLAN, namespace=namespace(site).encode())
     plan: Plan | None = None if kept is None else cloudpickle.loads(kept)
     return plan
 
 
-async def go_on(site: str, adopt: Callable[[Plan], Awaitable[None]]) -> None:
-    """`adopt` the plan that was kept last, if one was."""
-    if (plan := await asyncio.to_thread(remembered, site)) is not None:
-        await adopt(plan)
-
-
 def forget(site: str) -> None:
     """Keep no plan any longer."""
-    _internal_kv_del(_PLAN.encode(), namespace=namespace(site).encode())
+    _internal_kv_del(_PLAN, namespace=namespace(site).encode())
 
 
 def nodes() -> dict[str, str]:

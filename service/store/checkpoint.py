@@ -22,7 +22,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -53,6 +52,7 @@ DAMAGE = (
     RuntimeError,
     TypeError,
     OverflowError,
+    MemoryError,
 )
 """What zipfile, its decompressors and NumPy raise on damaged bytes."""
 
@@ -299,7 +299,9 @@ def decode(content: bytes, path: object) -> Checkpoint:
             raise ValueError("it claims to hold more than there is")
         for member in archive.namelist():
             # Reading the member whole checks its CRC before anybody believes the shape it claims.
-            parts[member.removesuffix(".npy")] = _array(archive.read(member))
+            parts[member.removesuffix(".npy")] = np.lib.format.read_array(
+                io.BytesIO(archive.read(member)), allow_pickle=False
+            )
     header = json.loads(parts[_HEADER].tobytes())
     if header["format"] > FORMAT_VERSION:
         raise CheckpointError(
@@ -318,24 +320,6 @@ def decode(content: bytes, path: object) -> Checkpoint:
         header.get("about", {}),
         str(header.get("zone", "")),
     )
-
-
-def _array(content: bytes) -> npt.NDArray[Any]:
-    """The array in the bytes of an .npy file, as `np.lib.format.read_array` reads it."""
-    begin = 10 + int.from_bytes(content[8:10], "little")
-    shape, fortran, dtype = _layout(content[:begin])
-    values = np.frombuffer(content, dtype, offset=begin)
-    return values.reshape(shape, order="F" if fortran else "C").copy()
-
-
-@lru_cache(maxsize=1024)
-def _layout(header: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Shape, Fortran order and type of the array that begins so. NumPy parses it as Python, which takes longer than all
-    else, and the zones of a site have the same few."""
-    file = io.BytesIO(header)
-    if np.lib.format.read_magic(file) != (1, 0):
-        raise ValueError("an array has another format than the one that is written")
-    return np.lib.format.read_array_header_1_0(file)
 
 
 def _digest(parts: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:

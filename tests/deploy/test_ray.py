@@ -79,23 +79,6 @@ def test_the_commands_of_the_cluster_file_are_those_of_ray(commands: str) -> Non
     assert "RAY_AUTH_MODE=token" in words, "nobody else may start anything on the machines"
 
 
-def test_machines_keep_a_process_to_spare_as_a_fleet_on_one_machine_does() -> None:
-    from service.fleet.joining import QUIET
-
-    wanted = {name: value for name, value in QUIET.items() if re.match(r"RAY_(num|prestart|worker)", name)}
-    assert len(wanted) == 3
-    for commands in ("head_start_ray_commands", "worker_start_ray_commands"):
-        assert {f"{name}={value}" for name, value in wanted.items()} <= set(shlex.split(CLUSTER[commands][1]))
-    for container in containers():
-        for name in ("RAY_num_workers_soft_limit", "RAY_worker_niceness"):
-            assert {"name": name, "value": wanted[name]} in container["env"]
-    health = {name: value for name, value in QUIET.items() if name.startswith("RAY_health")}
-    assert len(health) == 4
-    assert {f"{name}={value}" for name, value in health.items()} <= set(
-        shlex.split(CLUSTER["head_start_ray_commands"][1])
-    )
-
-
 def test_the_manifest_has_the_fields_of_a_ray_cluster() -> None:
     assert (CAMPUS["apiVersion"], CAMPUS["kind"]) == ("ray.io/v1", "RayCluster")
     assert set(CAMPUS["spec"]) == CLUSTER_FIELDS

@@ -29,7 +29,6 @@ _ENVIRONMENT = {
     "RAY_health_check_timeout_ms": "1000",
     "RAY_health_check_failure_threshold": "3",
     "RAY_prestart_worker_first_driver": "0",
-    "RAY_num_workers_soft_limit": "4096",
     "RAY_worker_niceness": "0",
     # A machine that Ray gave up must not linger.
     "RAY_gcs_rpc_server_reconnect_timeout_s": "60",
@@ -198,12 +197,6 @@ class Fleet:
         """Exit code after an orderly stop."""
         self.process.send_signal(signal.SIGTERM)
         return self.process.wait(timeout=PATIENCE)
-
-    def ask(self, what: str, *options: str) -> subprocess.CompletedProcess[str]:
-        """Another command about the fleet."""
-        return subprocess.run(
-            [*self._command(what), *options], capture_output=True, text=True, env=environment(), timeout=PATIENCE
-        )
 
     def status(self) -> dict[str, Any]:
         """What `fleet status` told last, which it does all the time; nothing before the fleet answers."""

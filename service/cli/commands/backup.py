@@ -20,7 +20,6 @@ def add_to(add: AddCommand) -> None:
 
 
 def _backup(arguments: argparse.Namespace) -> int:
-    from service.cli.progress import bytes_done
     from service.errors import BackupError
     from service.store.backup import write_backup
     from service.store.store import JOURNAL
@@ -32,7 +31,6 @@ def _backup(arguments: argparse.Namespace) -> int:
             f"there is no state in {site.state_dir}: a fleet keeps it in the database that fleet.database names; back "
             "that up with the tools of PostgreSQL, such as pg_dump"
         )
-    with bytes_done("backup") as tick:
-        made = write_backup(site.state_dir, site.id, arguments.out, tick)
+    made = write_backup(site.state_dir, site.id, arguments.out)
     print(f"{made.path}: site {made.site}, {made.size / 1e6:.1f} MB, zones with a checkpoint: {made.zones}")
     return 0

@@ -17,12 +17,10 @@ def add_to(add: AddCommand) -> None:
 
 
 def _restore(arguments: argparse.Namespace) -> int:
-    from service.cli.progress import bytes_done
     from service.store.backup import restore_backup
 
     site = load_config(arguments).site
-    with bytes_done("restore") as tick:
-        restored, aside = restore_backup(site.state_dir, site.id, arguments.backup, arguments.replace, tick)
+    restored, aside = restore_backup(site.state_dir, site.id, arguments.backup, arguments.replace)
     print(
         f"{site.state_dir}: as it was at {restored.made:%Y-%m-%dT%H:%M:%SZ}, zones with a checkpoint: {restored.zones}"
     )

@@ -4,119 +4,96 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
-import secrets
-import signal
-from contextlib import AsyncExitStack, suppress
+from collections.abc import Mapping
+from contextlib import AsyncExitStack
 from typing import Any
 
 from prometheus_client import CollectorRegistry
 
+from service.config.fitting import measured_outputs, surroundings
 from service.config.site import Config
 from service.daemon.composition import answer_on_zenoh
 from service.daemon.logs import configure_logging
-from service.daemon.process import collect_garbage, favour_the_event_loop
+from service.daemon.process import collect_garbage
 from service.daemon.serving import Serving
 from service.daemon.tasks import end
-from service.errors import Away, ReloadRefused, ServiceError
+from service.daemon.zone_table import Zones
+from service.errors import ReloadRefused, ServiceError
 from service.fleet.gateways.posts import Posts
 from service.fleet.gateways.scrape import FleetCollector
-from service.fleet.gateways.views import Mirror, ShardView
-from service.fleet.messages import Beat, News
-from service.fleet.peers import STEWARD, Peer, go_on, keep_a_spare, own_node
+from service.fleet.gateways.views import RemoteZone, ShardView
+from service.fleet.member import Member
+from service.fleet.messages import News
+from service.fleet.peers import Peer
 from service.fleet.plan import Plan
-from service.pauses import GrowingPause
 from service.publish.sinks import Announcement
 from service.publish.zenoh import KIND as ZENOH_KIND
+
+RELOAD_SECONDS = 30.0
+"""How long a reload that a client asks for waits for `thermogate fleet run`, which has the configuration."""
 
 AGAIN = 0.3
 """Pause before a shard that could not be reached is asked again, s."""
 
-SPARE_SECONDS, LONGEST_SPARE_SECONDS = 5.0, 300.0
-"""How often it is looked whether there is a process to spare, s."""
-
 _log = logging.getLogger(__name__)
 
 
-class Gateway:
+class Gateway(Member):
     """The body of a gateway. It serves from its first plan on."""
 
     def __init__(self, site: str, name: str) -> None:
-        self._site, self._name = site, name
-        self._boot, self._node = secrets.token_hex(8), own_node()
-        self._plan: Plan | None = None
-        self._zones = Mirror()
+        super().__init__(site, name)
+        self._zones: Zones[RemoteZone] = Zones()
         self._shards: dict[str, tuple[ShardView, asyncio.Task[None]]] = {}
         self._posts = Posts()
         self._serving: Serving | None = None
-        self._watching: list[asyncio.Task[Any]] = []
-        self._waking: asyncio.Task[None] | None = None
-        self._adopting = asyncio.Lock()
         self._problem = ""
-        self._opened = AsyncExitStack()
-        """The sessions that have been opened."""
+        self._reloads: list[asyncio.Future[str]] = []
+        """Reloads that clients asked for and nobody has done yet."""
+        self._rest = AsyncExitStack()
+        """What has been opened besides."""
 
-    async def wake(self) -> None:
-        """Go on with the plan of before, if there is one."""
-        favour_the_event_loop()
-        self._waking = asyncio.create_task(go_on(self._site, self.adopt))
-
-    async def beat(self) -> Beat:
-        """A sign of life."""
+    def state(self) -> Mapping[str, Any]:
+        about: dict[str, Any] = {"zones": len(self._zones), "problems": [self._problem] if self._problem else []}
+        about["reload_wanted"] = not all(one.done() for one in self._reloads)
         serving = self._serving
-        ready = serving is not None and serving.task is not None and not serving.task.done()
-        return Beat(
-            self._name,
-            self._boot,
-            self._node,
-            os.getpid(),
-            0 if self._plan is None else self._plan.version,
-            len(self._zones),
-            ready,
-            [self._problem] if self._problem else [],
-            serving.server.url if ready and serving is not None and serving.server is not None else "",
-        )
+        if serving is not None and serving.server is not None and serving.task is not None and not serving.task.done():
+            about |= {"ready": True, "url": serving.server.url}
+        return about
 
-    async def adopt(self, plan: Plan) -> None:
+    async def adopt(self, plan: Plan) -> frozenset[str]:
         """Serve the zones of `plan` from now on."""
-        async with self._adopting:
-            await self._adopt(plan)
-
-    async def _adopt(self, plan: Plan) -> None:
-        before = self._plan
-        if before is not None and plan.version <= before.version:
-            return
-        if before is None or before.config.log != plan.config.log:
-            configure_logging(plan.config.log)
-        for name in set(self._shards) - set(plan.all_shards):
+        config = plan.config
+        configure_logging(config.log)
+        for name in set(self._shards) - set(plan.shards):
             await end([self._shards.pop(name)[1]])
-        for name in plan.all_shards:
+        for name in plan.shards:
             if name not in self._shards:
-                view = ShardView(Peer(self._site, name))
+                view = ShardView(Peer(self.site, name))
                 self._shards[name] = view, asyncio.create_task(self._listen(view))
-        owner = plan.owners()
-        self._zones.adopt(plan.config, owner, lambda name: self._shards[name][0])
-        running = {zone: self._shards[name][0] for zone, name in owner.items() if zone not in plan.moving}
-        self._posts.adopt(plan.config, running)
+        owner = {zone: self._shards[name][0] for zone, name in plan.owners().items()}
+        outputs = measured_outputs(config)
+        self._zones.replace(
+            {
+                table.id: RemoteZone(
+                    table, surroundings(config, table, outputs), owner[table.id], self._zones.get(table.id)
+                )
+                for table in config.zones
+            }
+        )
+        self._posts.adopt(config, {zone: view.peer for zone, view in owner.items()})
         if self._serving is None:
-            await self._serve(plan.config)
+            await self._serve(config)
         else:
             self._serving.reload()
-        self._plan = plan
+        return frozenset()
 
-    async def end(self, pid: int) -> None:
-        """End a process of this machine that does not answer any more."""
-        _log.error("process %d does not answer any more and is ended", pid)
-        with suppress(ProcessLookupError, PermissionError):
-            os.kill(pid, signal.SIGKILL)
-
-    async def stop(self) -> None:
+    async def end(self) -> None:
         """Serve nobody any more."""
         await end([task for _, task in self._shards.values()])
         if self._serving is not None:
             await self._serving.stop()
-        await self._opened.aclose()
-        await end(self._watching)
+        await self._rest.aclose()
 
     async def _serve(self, config: Config) -> None:
         registry = CollectorRegistry()
@@ -128,26 +105,38 @@ class Gateway:
                 self._zones, registry, problems=self._problems, reload=self._reload, take=self._posts.take
             )
             await serving.start()
-            self._watching += [asyncio.create_task(collect_garbage()), asyncio.create_task(_keep_a_spare())]
+            self._rest.push_async_callback(end, [asyncio.create_task(collect_garbage())])
             # A shard answers what is asked on Zenoh about its zones.
-            session = await asyncio.to_thread(ZENOH_KIND.open, config.table(ZENOH_KIND.name), self._site)
+            session = await asyncio.to_thread(ZENOH_KIND.open, config.table(ZENOH_KIND.name), self.site)
             if session is not None:
-                self._opened.push_async_callback(asyncio.to_thread, session.close)
+                self._rest.push_async_callback(asyncio.to_thread, session.close)
                 await answer_on_zenoh([session], config, self._zones)
         except ServiceError as error:
             # The other machines serve all zones too; the steward shows what is wrong with this one.
             _log.error("%s", error)
             self._problem = str(error)
             return
-        _log.info("%s serves %d zones on %s", self._name, len(self._zones), server.url)
+        _log.info("%s serves %d zones on %s", self.name, len(self._zones), server.url)
+
+    async def reloaded(self, done: str, problems: list[str]) -> None:
+        """The reload that clients asked for is `done`, or refused for these `problems`."""
+        for each in self._reloads:
+            if not each.done():
+                each.set_exception(ReloadRefused(problems)) if problems else each.set_result(done)
+        self._reloads.clear()
 
     async def _reload(self) -> str:
-        """Have the configuration read again; what that changed. Raises ReloadRefused."""
+        """Have the configuration read again where it is; what that changed, as one line. Raises ReloadRefused."""
+        self._reloads.append(asked := asyncio.get_running_loop().create_future())
         try:
-            done: str = await Peer(self._site, STEWARD).ask("reload")
-        except Away as error:
-            raise ReloadRefused([f"{error}; ask again in a moment"]) from error
-        return done
+            async with asyncio.timeout(RELOAD_SECONDS):
+                return await asked
+        except TimeoutError:
+            sentence = (
+                f"`thermogate fleet run`, which reads the configuration, has not done so for {RELOAD_SECONDS:.0f} s; "
+                "see that it runs and what its log says, and ask again"
+            )
+            raise ReloadRefused([sentence]) from None
 
     def _problems(self) -> list[str]:
         silent = [view.peer.name for view, _ in self._shards.values() if view.silence() is not None]
@@ -168,21 +157,8 @@ class Gateway:
                 zone = self._zones.get(one.zone)
                 if zone is None or zone.shard is not view:
                     continue
-                zone.heard(one)
-                announcement = Announcement(self._site, one.zone, one.status, one.update, one.occasion, one.reports)
+                zone.news = one
+                announcement = Announcement(self.site, one.zone, one.status, one.update, one.occasion, one.reports)
                 if self._serving is not None:
                     for sink in self._serving.sinks:
                         sink.publish(announcement)
-
-
-async def _keep_a_spare() -> None:
-    """See, for ever, that a shard that has to start on this machine finds a process that is ready for it."""
-    pause = GrowingPause(SPARE_SECONDS, LONGEST_SPARE_SECONDS)
-    while True:
-        await asyncio.sleep(pause.seconds)
-        # A machine that does not let the idle live is not kept busy with them.
-        with suppress(Away):
-            if await keep_a_spare():
-                pause.reset()
-            else:
-                pause.grow()

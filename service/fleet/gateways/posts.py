@@ -12,7 +12,7 @@ from adapters.http.source import HttpSource
 from service.config.site import Config
 from service.daemon.supply.feeds import Handed
 from service.errors import ServiceError
-from service.fleet.gateways.views import ShardView
+from service.fleet.peers import Peer
 from service.records.receipt import NOTHING, Receipt
 from service.web.readings import RETRY_SECONDS
 from service.web.server.refusal import RequestRefused
@@ -28,9 +28,9 @@ class Posts:
 
     def __init__(self) -> None:
         self._sources: list[HttpSource] = []
-        self._shards: Mapping[str, ShardView] = {}
+        self._shards: Mapping[str, Peer] = {}
 
-    def adopt(self, config: Config, shards: Mapping[str, ShardView]) -> None:
+    def adopt(self, config: Config, shards: Mapping[str, Peer]) -> None:
         """The zones are those of `config`, each run by one of `shards`, by its id."""
         self._shards = shards
         names = [name for name, table in config.sources.items() if table.kind == "http"]
@@ -38,46 +38,26 @@ class Posts:
         self._sources = [source for source in built if isinstance(source, HttpSource)]
 
     async def take(self, posted: Sequence[Posted], zone: str | None) -> Receipt:
-        """Hand `posted` to the shards; what counts as accepted is durable on return. Raises RequestRefused without a
-        source to post to, and while a zone has no shard: then all of it may be posted again."""
+        """Hand `posted` to the shards of the zones that ask for it; what counts as accepted is durable on return.
+        Raises RequestRefused without a source to post to, and while a zone has no shard: then all of it may be posted
+        again."""
         if not self._sources:
             sentence = 'no zone has a source that is posted to; add one with kind = "http", and channels that name it'
             raise RequestRefused(HTTPStatus.CONFLICT, [sentence])
-        places, zones = self._addressed(posted, zone)
-        asked = [
-            shard.peer.ask("take", [posted[place] for place in places[name]], zone, zones[name], timeout=TAKE_SECONDS)
-            for name, shard in self._by_name().items()
-            if name in places
-        ]
+        expected: dict[Peer, set[str]] = {}
+        for one in posted:
+            for source in self._sources:
+                for asking in source.zones_of(one, zone):
+                    expected.setdefault(self._shards[asking], set()).add(asking)
+        asked = (shard.ask("take", posted, zone, zones, timeout=TAKE_SECONDS) for shard, zones in expected.items())
         results: list[Handed | BaseException] = await asyncio.gather(*asked, return_exceptions=True)
         receipt, used = NOTHING, set[int]()
-        for result, own in zip(results, places.values(), strict=True):
+        for result in results:
             if isinstance(result, ServiceError):
                 raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [str(result)], retry_after=RETRY_SECONDS)
             if isinstance(result, BaseException):
                 raise result
             receipt = receipt.plus(result.receipt)
-            used |= {own[place] for place in result.used}
+            used |= result.used
         unknown = [one.shown for place, one in enumerate(posted) if place not in used]
         return replace(receipt, unknown=len(unknown), unknown_names=tuple(dict.fromkeys(unknown))[:_SHOWN])
-
-    def _by_name(self) -> dict[str, ShardView]:
-        return {shard.peer.name: shard for shard in self._shards.values()}
-
-    def _addressed(
-        self, posted: Sequence[Posted], zone: str | None
-    ) -> tuple[dict[str, list[int]], dict[str, set[str]]]:
-        """For every shard that a post concerns, which of its values by their places, and for which zones. In the order
-        of the shards."""
-        wanted: dict[str, set[int]] = {}
-        zones: dict[str, set[str]] = {}
-        for place, one in enumerate(posted):
-            for source in self._sources:
-                for asking in source.zones_of(one, zone):
-                    shard = self._shards.get(asking)
-                    if shard is None:
-                        sentence = f"zone '{asking}' is being moved to another shard; post the readings again"
-                        raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], retry_after=RETRY_SECONDS)
-                    wanted.setdefault(shard.peer.name, set()).add(place)
-                    zones.setdefault(shard.peer.name, set()).add(asking)
-        return {name: sorted(wanted[name]) for name in self._by_name() if name in wanted}, zones

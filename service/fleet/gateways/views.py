@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import secrets
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
-from service.config.fitting import measured_outputs, surroundings
-from service.config.site import Config, ZoneConfig
-from service.daemon.zone_table import Zones
+from service.config.site import ZoneConfig
 from service.errors import ServiceError
 from service.fleet.messages import News, ZoneNews
 from service.fleet.peers import Peer
@@ -63,37 +59,35 @@ class ShardView:
 class RemoteZone:
     """A zone in another process (`service.records.view.ZoneView`)."""
 
-    def __init__(self, table: ZoneConfig, around: Surroundings, shard: ShardView) -> None:
+    def __init__(self, table: ZoneConfig, around: Surroundings, shard: ShardView, before: RemoteZone | None) -> None:
+        """`before` is the zone of an earlier configuration: what is known of it stays while the network does."""
         self.id = table.id
         self.network = table.network
         self.period = float(table.period)
         self.estimator = table.estimator
         self.surroundings = around
         self.shard = shard
-        self._news: ZoneNews | None = None
-
-    def heard(self, news: ZoneNews) -> None:
+        self.news: ZoneNews | None = None if before is None or before.network != table.network else before.news
         """The newest of the zone."""
-        self._news = news
 
     def status(self) -> ZoneStatus:
         """How the zone was doing when its shard last said so."""
         if (refused := self.shard.refused.get(self.id)) is not None:
             return self._unknown("failed", refused)
         silence = self.shard.silence()
-        if self._news is None:
+        if self.news is None:
             return self._unknown("waiting", silence or "it is being restored")
-        status = self._news.status
+        status = self.news.status
         return status if silence is None else status._replace(state="stalled", reason=silence)
 
     def latest(self) -> Update | None:
         """The newest update."""
-        return None if self._news is None else self._news.update
+        return None if self.news is None else self.news.update
 
     def trust(self) -> Trust:
         """How far its forecasts can be relied on."""
         status = self.status()
-        known = Trust() if self._news is None else self._news.trust
+        known = Trust() if self.news is None else self.news.trust
         if status.state in ("stalled", "failed"):
             return untrusted(known, f"the zone is {status.state}: {status.reason}")
         return known
@@ -114,36 +108,16 @@ class RemoteZone:
         return series
 
     async def _ask(self, method: str, *arguments: Any) -> Any:
-        asker, number, peer = current_asker() or Asker(), secrets.token_hex(8), self.shard.peer
-        watching = asyncio.create_task(_give_up(peer, asker, number))
+        asker = current_asker() or Asker()
+        question = (asker.name, self.id, method, arguments)
+        asked = asyncio.ensure_future(self.shard.peer.ask("question", *question, timeout=ANSWER_SECONDS, give_up=True))
         try:
-            return await peer.ask("question", asker.name, number, self.id, method, arguments, timeout=ANSWER_SECONDS)
+            while not (await asyncio.wait([asked], timeout=LOOK))[0]:
+                if asker.gone.is_set():
+                    raise ServiceError("the question was given up because nobody waits for it")
+            return asked.result()
         finally:
-            watching.cancel()
+            asked.cancel()
 
     def _unknown(self, state: str, reason: str) -> ZoneStatus:
         return ZoneStatus(state, reason, None, 0, 0, {}, {}, channels=self.network.channels)
-
-
-async def _give_up(peer: Peer, asker: Asker, number: str) -> None:
-    """Tell a shard once `asker`, on whose behalf it was asked the question `number`, waits for no answer any more."""
-    while not asker.gone.is_set():
-        await asyncio.sleep(LOOK)
-    # One that is away answers nothing either.
-    with suppress(ServiceError):
-        await peer.ask("give_up", number, timeout=ANSWER_SECONDS)
-
-
-class Mirror(Zones[RemoteZone]):
-    """All zones of a site."""
-
-    def adopt(self, config: Config, owner: Mapping[str, str], shard: Callable[[str], ShardView]) -> None:
-        """These are the zones from now on; what is known of one that stays as it is, is kept."""
-        zones, outputs = {}, measured_outputs(config)
-        for table in config.zones:
-            zone = RemoteZone(table, surroundings(config, table, outputs), shard(owner[table.id]))
-            before = self.get(table.id)
-            if before is not None and before._news is not None and before.network == zone.network:
-                zone.heard(before._news)
-            zones[table.id] = zone
-        self.replace(zones)

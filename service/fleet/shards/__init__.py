@@ -1,1 +1,1 @@
-"""A shard: its lease, its zones, what it tells the gateways, and who brought it down."""
+"""A shard: its lease, its zones, what it tells the gateways, and which sample brought it down."""

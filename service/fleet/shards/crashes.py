@@ -1,18 +1,18 @@
 """Which zones were at work when the process of their shard ended: a file beside it that outlives the process.
 
 A zone whose sample brings down the process (a fault in compiled code, memory that is used up) would bring it down again
-after every start, with all the zones beside it. Each step is noted before it begins and struck out afterwards; what is
-noted at a start was at work when the process ended. Whoever was, with the same sample, MOST times, is to blame.
+after every start, with all the zones beside it. Each step is noted before it begins, with the number of processes that
+ended at it before, and struck out afterwards; what is noted at a start was at work when the process ended. A sample
+that took MOST processes with it is passed over.
 """
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -35,10 +35,8 @@ class Suspect(NamedTuple):
     time: int
     crashes: int
 
-
-def told(suspect: Suspect) -> str:
-    """What a zone is suspected of."""
-    return f"{suspect.crashes} processes ended while it was at work with its sample at {written_time(suspect.time)}"
+    def __str__(self) -> str:
+        return f"{self.crashes} processes ended while it was at work with its sample at {written_time(self.time)}"
 
 
 class Crashes:
@@ -48,11 +46,10 @@ class Crashes:
     def __init__(self, site: str, name: str, folder: Path | None = None) -> None:
         """Reads what the process before has left. A folder that cannot be written costs the notes alone."""
         self._folder = folder or Path(tempfile.gettempdir()) / f"thermogate-fleet-{os.getuid()}"
-        self._at_work = self._folder / f"{site}.{name}.steps"
-        self._counts = self._folder / f"{site}.{name}.crashes"
-        self.suspects = self._judged()
+        self._path = self._folder / f"{site}.{name}.steps"
+        self.suspects = tuple(self._left())
         """Who was at work the last time, and how often."""
-        self._suspected = {(suspect.zone, suspect.time) for suspect in self.suspects if suspect.crashes < MOST}
+        self._suspected = {(one.zone, one.time): one.crashes for one in self.suspects if one.crashes < MOST}
         self._alone = threading.Lock()
         self._slots: dict[int, int] = {}
         """Place of each thread's note in the file."""
@@ -60,13 +57,14 @@ class Crashes:
         self._fails = False
         self._file = -1
         try:
-            self._file = self._begun()
+            self._folder.mkdir(mode=0o700, exist_ok=True)
+            self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
         except OSError as error:
             self._say(error)
 
     @property
-    def guilty(self) -> Mapping[str, Suspect]:
-        """The zones that are to blame, by name."""
+    def guilty(self) -> dict[str, Suspect]:
+        """The zones whose sample is to blame, by name."""
         return {suspect.zone: suspect for suspect in self.suspects if suspect.crashes >= MOST}
 
     @contextmanager
@@ -74,13 +72,13 @@ class Crashes:
         """While it lasts, this thread steps `zone` with the sample at `time`; alone, until the suspects are known to be
         innocent."""
         with self._alone if self._suspected else nullcontext():
-            self._note(f"{zone} {time}")
+            self._note(f"{zone} {time} {self._suspected.get((zone, time), 0)}")
             try:
                 yield
             finally:
                 # An error leaves the process alive.
                 self._note("")
-                self._suspected.discard((zone, time))
+                self._suspected.pop((zone, time), None)
 
     def close(self) -> None:
         """The process ends in order; safe to call twice."""
@@ -88,25 +86,11 @@ class Crashes:
             os.close(self._file)
             self._file = -1
         with suppress(OSError):
-            for path in (self._at_work, self._counts):
-                path.unlink(missing_ok=True)
-
-    def _begun(self) -> int:
-        """The file of notes, empty, once what it held is counted. Raises OSError, and then it holds that still."""
-        self._folder.mkdir(mode=0o700, exist_ok=True)
-        file = os.open(self._at_work, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        try:
-            self._keep(self.suspects)
-            os.ftruncate(file, 0)
-        except OSError:
-            os.close(file)
-            raise
-        return file
+            self._path.unlink(missing_ok=True)
 
     def _note(self, text: str) -> None:
-        thread = threading.get_ident()
         with self._lock:
-            slot = self._slots.setdefault(thread, len(self._slots))
+            slot = self._slots.setdefault(threading.get_ident(), len(self._slots))
             if self._file < 0:
                 return
             try:
@@ -124,22 +108,12 @@ class Crashes:
                 error.strerror,
             )
 
-    def _judged(self) -> tuple[Suspect, ...]:
-        before: dict[tuple[str, int], int] = {}
-        with suppress(OSError, ValueError, TypeError):
-            before = {(zone, time): count for zone, time, count in json.loads(self._counts.read_text(encoding="utf-8"))}
+    def _left(self) -> Iterator[Suspect]:
         try:
-            notes = self._at_work.read_bytes()
+            notes = self._path.read_bytes()
         except OSError:
-            return ()
-        found = []
+            return
         for first in range(0, len(notes), _WIDTH):
-            zone, _, time = notes[first : first + _WIDTH].decode(errors="replace").strip(" \0").partition(" ")
-            if time.isdecimal():
-                found.append(Suspect(zone, int(time), before.get((zone, int(time)), 0) + 1))
-        return tuple(found)
-
-    def _keep(self, suspects: tuple[Suspect, ...]) -> None:
-        temporary = self._counts.with_suffix(".tmp")
-        temporary.write_text(json.dumps(suspects), encoding="utf-8")
-        temporary.replace(self._counts)
+            words = notes[first : first + _WIDTH].decode(errors="replace").strip(" \0").split(" ")
+            if len(words) == 3 and words[1].isdecimal() and words[2].isdecimal():
+                yield Suspect(words[0], int(words[1]), int(words[2]) + 1)

@@ -14,7 +14,7 @@ from contextlib import suppress
 
 from service.config.fleet import FleetConfig
 from service.errors import Fenced, JournalError, LeaseHeld, ServiceError
-from service.fleet.shards.database import connection_of
+from service.fleet.checks import connection_of
 from service.publish.sinks import Announcement, Sink
 from service.records.measures import Measure
 from service.store.postgres.leases import Lease, Leases

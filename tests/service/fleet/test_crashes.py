@@ -72,7 +72,6 @@ def test_a_process_that_ends_in_order_leaves_no_suspects(tmp_path: Path) -> None
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b"cellar x".ljust(128), b'[["a"]]'])
 def test_a_file_that_is_damaged_blames_nobody(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "campus.shard-0.steps").write_bytes(content)
-    (tmp_path / "campus.shard-0.crashes").write_bytes(content)
     assert Crashes("campus", "shard-0", tmp_path).suspects == ()
 
 
@@ -96,16 +95,6 @@ def test_a_folder_that_cannot_be_written_costs_the_notes_and_not_the_shard(
     told = [record.getMessage() for record in caplog.records if record.levelno == logging.ERROR]
     assert len(told) == 1
     assert "cannot be found" in told[0]
-
-
-def test_a_full_disk_at_a_start_counts_no_crash_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    die(tmp_path, 1200)
-    with monkeypatch.context() as full:
-        full.setattr(Path, "write_text", _fail)
-        for _ in range(MOST + 1):
-            assert Crashes("campus", "shard-0", tmp_path).suspects == (("cellar", 1200, 1),)
-    assert Crashes("campus", "shard-0", tmp_path).suspects == (("cellar", 1200, 1),)
-    assert Crashes("campus", "shard-0", tmp_path).suspects == ()
 
 
 def test_a_disk_that_fills_up_stops_no_step(

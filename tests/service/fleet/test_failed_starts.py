@@ -79,7 +79,6 @@ def test_a_start_that_fails_gives_back_its_lease_and_closes_its_sinks(
     site = f"begin-{os.getpid()}-{list(STEPS).index(step)}"
     config = load(small_site(tmp_path, count=2, shards=2, site=site, lease=2.0))
     ended, sinks = [], [Outlet(), Outlet()]
-    monkeypatch.setattr(module, "own_node", lambda: "0123456789abcdef")
     monkeypatch.setattr(module, "end_process", lambda: ended.append(1))
     monkeypatch.setattr("service.fleet.shards.leasing.connection_of", lambda fleet: postgres_server.connection)
     kinds: list[Any] = [
@@ -98,7 +97,7 @@ def test_a_start_that_fails_gives_back_its_lease_and_closes_its_sinks(
             if not STEPS[step]:
                 patch.setattr(kinds[1], "open", fail)
             with pytest.raises(ServiceError, match="cannot be written now"):
-                await _Work.begin(site, "shard-0", "boot", config, crashes)
+                await _Work.begin(site, "shard-0", "owner", config, crashes)
         assert own_threads() == before
         opened = sinks if STEPS[step] else sinks[:1]
         assert [sink.closed for sink in opened] == [1] * len(opened)
@@ -108,7 +107,7 @@ def test_a_start_that_fails_gives_back_its_lease_and_closes_its_sinks(
             leases.release(leases.acquire("shard-0", "another process", 600.0))
         finally:
             leases.close()
-        work = await _Work.begin(site, "shard-0", "boot", config, crashes)
+        work = await _Work.begin(site, "shard-0", "owner", config, crashes)
         assert work.leased.held
         assert len(work.zones) == 3
         await work.stop()

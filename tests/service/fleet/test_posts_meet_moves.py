@@ -21,7 +21,7 @@ from service.records.receipt import Receipt
 pytest.importorskip("ray", reason="ray is not installed; say: make .venv/.fleet")
 
 from service.errors import Away
-from service.fleet.shards import shard as module
+from service.fleet import peers
 from service.fleet.shards.shard import Shard
 
 ZONES = ("posted", "attic")
@@ -52,14 +52,14 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Shard, dict[
     """A shard with two zones that one source posts to, and these zones."""
     path = small_site(tmp_path)
     path.write_text(path.read_text(encoding="utf-8") + told_by_clients("attic", 600), encoding="utf-8")
-    monkeypatch.setattr(module, "own_node", lambda: "0123456789abcdef")
+    monkeypatch.setattr(peers, "own_node", lambda: "0123456789abcdef")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     shard, zones = Shard("campus", "shard-0"), {name: Slow() for name in ZONES}
     running: Any = zones
     feed = Feed("clients", load(path), running, ZONES, Tally())
     work: Any = SimpleNamespace(zones=zones, runtime=SimpleNamespace(feeds=[feed]))
     shard._work = work
-    shard._version = 1
+    shard.version = 1
     return shard, zones
 
 
@@ -88,13 +88,13 @@ def test_a_zone_that_leaves_meanwhile_has_the_post_repeated(scene: tuple[Shard, 
 
 def test_a_plan_that_is_adopted_meanwhile_has_the_post_repeated(scene: tuple[Shard, dict[str, Any]]) -> None:
     shard, zones = scene
-    zones["posted"].meanwhile = lambda: setattr(shard, "_version", 2)
+    zones["posted"].meanwhile = lambda: setattr(shard, "version", 2)
     with pytest.raises(Away, match="post the readings again"):
         asyncio.run(post(shard))
 
 
 async def test_a_plan_that_is_being_adopted_has_the_post_repeated(scene: tuple[Shard, dict[str, Any]]) -> None:
     shard, _ = scene
-    async with shard._adopting:
-        with pytest.raises(Away, match="post the readings again"):
-            await post(shard)
+    shard.adopting = True
+    with pytest.raises(Away, match="post the readings again"):
+        await post(shard)

@@ -95,10 +95,13 @@ def test_every_shard_has_a_name_of_its_own_at_a_broker(tmp_path: Path) -> None:
         told_by_clients(f"room-{n}", 600).replace('source = "clients"', f'source = "broker", topic = "t{n}"')
         for n in range(20)
     )
+    fleet = '[zenoh]\nenabled = false\n[fleet]\ndatabase = "postgresql://a@b/c"\nshards = 3\n'
     path.write_text(
-        f'[site]\nid = "campus"\n[sources.broker]\nkind = "mqtt"\nhost = "broker.example"\n{zones}', encoding="utf-8"
+        f'[site]\nid = "campus"\n{fleet}[sources.broker]\nkind = "mqtt"\nhost = "broker.example"\n{zones}',
+        encoding="utf-8",
     )
-    names = {
-        shard: part.sources["broker"].client_id for shard, part in Plan(1, load(path), shard_names(3)).shares().items()
-    }
+    plan = Plan(1, load(path))
+    parts = {shard: plan.share(shard) for shard in plan.shards}
+    assert sorted(zone.id for part in parts.values() for zone in part.zones) == sorted(f"room-{n}" for n in range(20))
+    names = {shard: part.sources["broker"].client_id for shard, part in parts.items()}
     assert names == {shard: f"thermogate-campus-broker-{shard}" for shard in shard_names(3)}

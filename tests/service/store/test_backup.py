@@ -355,18 +355,6 @@ def test_checkpoints_and_journal_go_together(tmp_path: Path, monkeypatch: pytest
         assert "checkpoints/z/000000006600.npz" in archive.getnames(), "it was copied once more"
 
 
-def test_the_progress_ends_where_everything_is_done(kept: Path, tmp_path: Path) -> None:
-    for work in (
-        lambda tick: write_backup(tmp_path / "state", "house", tmp_path / "again.tar", tick),
-        lambda tick: restore_backup(tmp_path / "new", "house", kept, False, tick),
-    ):
-        told: list[tuple[int, int]] = []
-        work(lambda more, total, told=told: told.append((more, total)))
-        assert len(told) > 1
-        assert sum(more for more, _ in told) == told[-1][1]
-        assert all(more >= 0 for more, _ in told)
-
-
 def _archive(path: Path, members: list[tuple[tarfile.TarInfo, bytes]]) -> Path:
     with tarfile.open(path, "w") as archive:
         for info, content in members:

@@ -3,236 +3,124 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from support.fake_zones import make_sample, make_update
-from support.postgres import Server
+from support.shards import LONG, WRITING, Shards, checkpoint, filled
 from support.waiting import wait_until
 
 import service.store.postgres.database as database
 import service.store.postgres.leases as leases_module
-from adapters.reading import Reading
 from service.errors import Fenced, LeaseHeld, StateMismatch
-from service.store.checkpoint import Checkpoint
 from service.store.postgres.leases import Lease, Leases
-from service.store.postgres.store import PostgresStore
-from service.store.retention import Limits
-
-LONG = 600.0
-_sites = itertools.count()
 
 
-class Fleet:
-    """The leases of a site of its own, and stores under them."""
-
-    def __init__(self, server: Server) -> None:
-        self.server, self.site = server, f"fenced-{next(_sites)}"
-        self.leases = Leases(server.connection, self.site)
-        self.opened: list[PostgresStore] = []
-
-    def store(self, lease: Lease) -> PostgresStore:
-        self.opened.append(PostgresStore(self.server.connection, self.site, lease))
-        return self.opened[-1]
-
-    def sql(self, statement: str) -> list[tuple[Any, ...]]:
-        """Run a statement with {} for the schema."""
-        return self.server.run(statement.format(f'"thermogate_{self.site}"'))
-
-    def expire(self, lease: Lease) -> None:
-        """As if its time were over."""
-        self.sql(f"UPDATE {{}}.leases SET expires = clock_timestamp() WHERE name = '{lease.name}'")
-
-
-@pytest.fixture
-def fleet(postgres_server: Server) -> Iterator[Fleet]:
-    made = Fleet(postgres_server)
-    yield made
-    for store in made.opened:
-        store.close()
-    made.leases.close()
-
-
-def test_a_lease_has_one_owner_until_it_expires_or_is_released(fleet: Fleet) -> None:
-    first = fleet.leases.acquire("shard", "node-1", LONG)
+def test_a_lease_has_one_owner_until_it_expires_or_is_released(shards: Shards) -> None:
+    first = shards.leases.acquire("shard", "node-1", LONG)
     assert first[:3] == ("shard", "node-1", 1)
     assert first.is_safe(LONG - 60)
     assert not first.is_safe(LONG + 1)
     with pytest.raises(LeaseHeld, match=r"the lease 'shard' belongs to node-1 for [56]") as held:
-        fleet.leases.acquire("shard", "node-2", LONG)
+        shards.leases.acquire("shard", "node-2", LONG)
     assert LONG - 60 < held.value.seconds <= LONG
-    assert fleet.leases.acquire("other", "node-2", LONG).epoch == 1
-    fleet.expire(first)
-    second = fleet.leases.acquire("shard", "node-2", LONG)
+    assert shards.leases.acquire("other", "node-2", LONG).epoch == 1
+    shards.expire(first)
+    second = shards.leases.acquire("shard", "node-2", LONG)
     assert second.epoch == 2
     with pytest.raises(Fenced, match=r"the lease 'shard' of node-1 \(epoch 1\) has gone to another owner"):
-        fleet.leases.renew(first, LONG)
-    fleet.leases.release(first)
-    assert fleet.leases.renew(second, 2 * LONG).is_safe(LONG), "an old owner cannot give it away"
-    fleet.leases.release(second)
-    assert fleet.leases.acquire("shard", "node-3", LONG).epoch > second.epoch
-    again = fleet.leases.acquire("shard", "node-3", LONG)
+        shards.leases.renew(first, LONG)
+    shards.leases.release(first)
+    assert shards.leases.renew(second, 2 * LONG).is_safe(LONG), "an old owner cannot give it away"
+    shards.leases.release(second)
+    assert shards.leases.acquire("shard", "node-3", LONG).epoch > second.epoch
+    again = shards.leases.acquire("shard", "node-3", LONG)
     assert again.epoch > second.epoch + 1, "the same owner, started again, need not wait; what it was before is fenced"
 
 
-def test_a_lease_that_expired_and_was_not_taken_is_renewed(fleet: Fleet) -> None:
-    lease = fleet.leases.acquire("shard", "node-1", LONG)
-    fleet.expire(lease)
-    assert fleet.leases.renew(lease, LONG).is_safe()
+def test_a_lease_that_expired_and_was_not_taken_is_renewed(shards: Shards) -> None:
+    lease = shards.leases.acquire("shard", "node-1", LONG)
+    shards.expire(lease)
+    assert shards.leases.renew(lease, LONG).is_safe()
 
 
 @pytest.mark.parametrize("skew", [-300.0, -30.0, 30.0, 300.0])
-def test_clocks_that_are_wrong_do_no_harm(fleet: Fleet, skew: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_clocks_that_are_wrong_do_no_harm(shards: Shards, skew: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nodes whose clocks differ from the database's, and which were started at other times."""
-    held = fleet.leases.acquire("shard", "node-1", 120.0)
+    held = shards.leases.acquire("shard", "node-1", 120.0)
     real, steady = time.time, leases_module.steady
     monkeypatch.setattr(time, "time", lambda: real() + skew)
     monkeypatch.setattr(leases_module, "steady", lambda: steady() + 1e6)
     with pytest.raises(LeaseHeld):
-        fleet.leases.acquire("shard", "node-2", 120.0)
-    other = fleet.leases.acquire("other", "node-2", 120.0)
+        shards.leases.acquire("shard", "node-2", 120.0)
+    other = shards.leases.acquire("other", "node-2", 120.0)
     assert other.is_safe(1.0)
     assert not other.is_safe(121.0)
     monkeypatch.setattr(leases_module, "steady", steady)
     assert not held.is_safe(121.0)
 
 
-def test_a_lease_is_never_thought_to_last_longer_than_the_database_has_it(fleet: Fleet) -> None:
-    first = fleet.leases.acquire("shard", "node-1", 60.0)
-    for lease in (first, fleet.leases.renew(first, LONG)):
+def test_a_lease_is_never_thought_to_last_longer_than_the_database_has_it(shards: Shards) -> None:
+    first = shards.leases.acquire("shard", "node-1", 60.0)
+    for lease in (first, shards.leases.renew(first, LONG)):
         # The second one is still less than what the database has.
-        ((left,),) = fleet.sql("SELECT extract(epoch FROM expires - clock_timestamp())::float8 FROM {}.leases")
+        ((left,),) = shards.sql("SELECT extract(epoch FROM expires - clock_timestamp())::float8 FROM {}.leases")
         assert lease.until - leases_module.steady() <= left + 0.001
     assert not first.is_safe(61.0)
     assert lease.is_safe(61.0)
 
 
-Act = Callable[[PostgresStore], Any]
-
-
-def _checkpoint(step: int) -> Checkpoint:
-    return Checkpoint("f", step, {}, {})
-
-
-async def _append(store: PostgresStore) -> None:
-    await store.append("z", make_sample(1))
-
-
-async def _keep(store: PostgresStore) -> None:
-    await store.write(store.journal.keep, "z", [Reading("z/T_i", make_sample(1).time + 1.0, 20.0)])
-
-
-async def _skip(store: PostgresStore) -> None:
-    await store.write(store.journal.skip, "z", make_sample(0).time, "why not")
-
-
-async def _save(store: PostgresStore) -> None:
-    await asyncio.to_thread(store.checkpoints.save, "z", _checkpoint(2))
-
-
-async def _set_checkpoints_aside(store: PostgresStore) -> None:
-    await asyncio.to_thread(store.checkpoints.set_aside, "z", 0)
-
-
-async def _set_back(store: PostgresStore) -> None:
-    await store.set_back("z", None, None, 0)
-
-
-async def _forget(store: PostgresStore) -> None:
-    await store.forget("z")
-
-
-async def _give_up(store: PostgresStore) -> None:
-    await store.give_up("z")
-
-
-async def _record(store: PostgresStore) -> None:
-    store.record("z", make_update(1))
-    await store.write(store.journal.flush)
-
-
-async def _prune(store: PostgresStore) -> None:
-    await store.run(lambda: list(store._prune(Limits(1.0, 1.0))))
-
-
-WRITING: dict[str, Act] = {
-    "append": _append,
-    "keep": _keep,
-    "skip": _skip,
-    "save a checkpoint": _save,
-    "set checkpoints aside": _set_checkpoints_aside,
-    "set back": _set_back,
-    "forget": _forget,
-    "give up": _give_up,
-    "record": _record,
-    "prune": _prune,
-}
-
-
-async def _filled(store: PostgresStore) -> None:
-    await store.claim("z", "f")
-    await store.append("z", make_sample(0))
-    await asyncio.to_thread(store.checkpoints.save, "z", _checkpoint(1))
-
-
-def _everything(fleet: Fleet) -> list[Any]:
-    tables = ("zones", "samples", "history", "readings", "checkpoints", "leases", "forgotten")
-    return [sorted(map(str, fleet.sql(f"SELECT * FROM {{}}.{table}"))) for table in tables]
-
-
 @pytest.mark.parametrize("other", ["node-2", "node-1"])
 @pytest.mark.parametrize("act", WRITING)
-def test_who_has_lost_the_lease_writes_nothing(fleet: Fleet, act: str, other: str) -> None:
+def test_who_has_lost_the_lease_writes_nothing(shards: Shards, act: str, other: str) -> None:
     """Also where the same owner has started again."""
-    lease = fleet.leases.acquire("shard", "node-1", LONG)
-    stale = fleet.store(lease)
-    asyncio.run(_filled(stale))
-    fleet.expire(lease)
-    fleet.leases.acquire("shard", other, LONG)
-    before = _everything(fleet)
+    lease = shards.leases.acquire("shard", "node-1", LONG)
+    stale = shards.store(lease)
+    asyncio.run(filled(stale))
+    shards.expire(lease)
+    shards.leases.acquire("shard", other, LONG)
+    before = shards.everything()
     with pytest.raises(Fenced, match=r"the lease 'shard' of node-1 \(epoch 1\) has gone to another owner"):
         asyncio.run(WRITING[act](stale))
-    assert _everything(fleet) == before
+    assert shards.everything() == before
     assert any("has gone to another owner" in problem for problem in stale.problems())
 
 
 @pytest.mark.parametrize("act", sorted(WRITING.keys() - {"record", "prune", "forget", "give up"}))
-async def test_who_has_lost_a_zone_writes_nothing_to_it(fleet: Fleet, act: str) -> None:
-    stale = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
-    other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
-    await _filled(stale)
+async def test_who_has_lost_a_zone_writes_nothing_to_it(shards: Shards, act: str) -> None:
+    stale = shards.store("shard-1")
+    other = shards.store("shard-2")
+    await filled(stale)
     await stale.give_up("z")
     await other.claim("z", "f")
-    before = _everything(fleet)
+    before = shards.everything()
     with pytest.raises(Fenced, match=r"zone 'z' is not held by the lease 'shard-1' of node-1"):
         await WRITING[act](stale)
-    assert _everything(fleet) == before
+    assert shards.everything() == before
     assert stale.problems() == []
 
 
-async def test_a_zone_that_another_one_holds_is_neither_taken_nor_reset_nor_pruned(fleet: Fleet) -> None:
-    stale = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
-    other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
-    await _filled(other)
-    before = _everything(fleet)
+async def test_a_zone_that_another_one_holds_is_neither_taken_nor_reset_nor_pruned(shards: Shards) -> None:
+    stale = shards.store("shard-1")
+    other = shards.store("shard-2")
+    await filled(other)
+    before = shards.everything()
     await stale.give_up("z")
     for attempt in (stale.claim("z", "f"), stale.forget("z")):
         with pytest.raises(Fenced, match=r"zone 'z' belongs to the lease 'shard-2' of node-2 for \d+ s more"):
             await attempt
     stale.record("z", make_update(1))
     await stale.write(stale.journal.flush)
-    assert _everything(fleet) == before
+    assert shards.everything() == before
 
 
-async def test_a_zone_that_has_gone_does_not_take_the_commit_of_the_others_along(fleet: Fleet) -> None:
-    store = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
-    other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
+async def test_a_zone_that_has_gone_does_not_take_the_commit_of_the_others_along(shards: Shards) -> None:
+    store = shards.store("shard-1")
+    other = shards.store("shard-2")
     for zone in "abc":
         await store.claim(zone, "f")
         store.record(zone, make_update(0))
@@ -249,29 +137,29 @@ async def test_a_zone_that_has_gone_does_not_take_the_commit_of_the_others_along
     assert [len(await other.samples_after(zone, None)) for zone in "ab"] == [1, 0]
 
 
-async def test_the_zones_of_an_owner_that_is_gone_are_taken_one_by_one_and_it_is_fenced(fleet: Fleet) -> None:
-    lease = fleet.leases.acquire("shard-1", "node-1", LONG)
-    gone, other = fleet.store(lease), fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
+async def test_the_zones_of_an_owner_that_is_gone_are_taken_one_by_one_and_it_is_fenced(shards: Shards) -> None:
+    lease = shards.leases.acquire("shard-1", "node-1", LONG)
+    gone, other = shards.store(lease), shards.store("shard-2")
     for zone in "ab":
         await gone.claim(zone, "f")
         await gone.append(zone, make_sample(0))
-    fleet.expire(lease)
+    shards.expire(lease)
     for zone in ("a", "b", "new"):
         await other.claim(zone, "f")
     await other.append("a", make_sample(1))
     with pytest.raises(Fenced, match="has gone to another owner"):
         await gone.append("b", make_sample(1))
     with pytest.raises(Fenced):
-        fleet.leases.renew(lease, LONG)
+        shards.leases.renew(lease, LONG)
     await other.append("b", make_sample(1))
     assert [len(await other.samples_after(zone, None)) for zone in "ab"] == [2, 2]
 
 
-def test_a_lease_is_not_taken_in_the_middle_of_a_transaction_and_renewed_meanwhile(fleet: Fleet) -> None:
-    lease = fleet.leases.acquire("shard", "node-1", LONG)
-    store = fleet.store(lease)
-    asyncio.run(_filled(store))
-    fleet.expire(lease)
+def test_a_lease_is_not_taken_in_the_middle_of_a_transaction_and_renewed_meanwhile(shards: Shards) -> None:
+    lease = shards.leases.acquire("shard", "node-1", LONG)
+    store = shards.store(lease)
+    asyncio.run(filled(store))
+    shards.expire(lease)
     writing, told = threading.Event(), threading.Event()
 
     def work(cursor: Any) -> None:
@@ -283,69 +171,69 @@ def test_a_lease_is_not_taken_in_the_middle_of_a_transaction_and_renewed_meanwhi
     writer = threading.Thread(target=lambda: store._database.transaction(work))
     writer.start()
     assert writing.wait(180)
-    renewed = fleet.leases.renew(lease, LONG)
+    renewed = shards.leases.renew(lease, LONG)
     assert renewed.is_safe(), "renewing waits for nobody"
-    fleet.expire(lease)
+    shards.expire(lease)
     taken: list[Lease] = []
-    other = Leases(fleet.server.connection, fleet.site)
+    other = Leases(shards.server.connection, shards.site)
     taker = threading.Thread(target=lambda: taken.append(other.acquire("shard", "node-2", LONG)))
     taker.start()
-    wait_until(lambda: fleet.sql("SELECT 1 FROM pg_stat_activity WHERE wait_event_type = 'Lock'"))
+    wait_until(lambda: shards.sql("SELECT 1 FROM pg_stat_activity WHERE wait_event_type = 'Lock'"))
     assert not taken
     told.set()
     writer.join()
     taker.join()
     other.close()
     assert taken[0].epoch == 2
-    assert fleet.sql("SELECT skipped FROM {}.samples") == [("late",)], "it was written before the lease went"
+    assert shards.sql("SELECT skipped FROM {}.samples") == [("late",)], "it was written before the lease went"
 
 
 def test_an_owner_that_froze_in_the_middle_of_a_transaction_keeps_nobody_waiting(
-    fleet: Fleet, monkeypatch: pytest.MonkeyPatch
+    shards: Shards, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lease = fleet.leases.acquire("shard", "node-1", LONG)
-    store = fleet.store(lease)
-    asyncio.run(_filled(store))
-    fleet.expire(lease)
+    lease = shards.leases.acquire("shard", "node-1", LONG)
+    store = shards.store(lease)
+    asyncio.run(filled(store))
+    shards.expire(lease)
     monkeypatch.setattr(database, "FROZEN_SECONDS", 1.0)
-    fleet.server.disconnect()
+    shards.server.disconnect()
     waited = threading.Event()
 
     def work(cursor: Any) -> None:
         store.fence.required(cursor, ["z"])
         if not waited.is_set():
-            assert fleet.leases.acquire("shard", "node-2", LONG).epoch == 2
+            assert shards.leases.acquire("shard", "node-2", LONG).epoch == 2
             waited.set()
         cursor.execute("UPDATE samples SET skipped = ?", "stale")
 
     with pytest.raises(Fenced):
         store._database.transaction(work)
     assert waited.is_set()
-    assert fleet.sql("SELECT skipped FROM {}.samples") == [(None,)]
+    assert shards.sql("SELECT skipped FROM {}.samples") == [(None,)]
 
 
-def test_a_zone_is_reset_as_the_operations_page_tells(fleet: Fleet) -> None:
+def test_a_zone_is_reset_as_the_operations_page_tells(shards: Shards) -> None:
     """`thermogate run --reset` would start a daemon beside the fleet, and reset nothing."""
     page = (Path(__file__).parents[3] / "docs" / "operations.md").read_text(encoding="utf-8")
     (statement,) = re.findall(r"^INSERT INTO .*;$", page, re.MULTILINE)
 
     async def learn() -> None:
-        store = fleet.store(fleet.leases.acquire("shard", "node-1", LONG))
+        store = shards.store()
         await store.claim("living", "f")
         await store.append("living", make_sample(0))
-        await asyncio.to_thread(store.checkpoints.save, "living", _checkpoint(make_sample(0).time))
+        await asyncio.to_thread(store.checkpoints.save, "living", checkpoint(make_sample(0).time))
         for ask in (store.claim("living", "g"), asyncio.to_thread(store.checkpoints.load, "living", "g")):
             with pytest.raises(StateMismatch, match=r"give that state up as docs/operations.md tells .* by SQL"):
                 await ask
 
     async def begin_anew() -> None:
-        store = fleet.store(fleet.leases.acquire("shard", "node-1", LONG))
+        store = shards.store()
         await store.claim("living", "g")
         assert await asyncio.to_thread(store.checkpoints.load, "living", "g") is None
         assert await store.run(store.journal.last_sample_time, "living") is None
         assert await store.append("living", make_sample(0)) is None
 
     asyncio.run(learn())
-    fleet.sql(statement.replace("thermogate_campus", "{}"))
+    shards.sql(statement.replace("thermogate_campus", "{}"))
     asyncio.run(begin_anew())
-    assert fleet.sql("SELECT count(*) FROM {}.samples") == [(2,)], "nothing is deleted"
+    assert shards.sql("SELECT count(*) FROM {}.samples") == [(2,)], "nothing is deleted"

@@ -1,29 +1,93 @@
-"""The state of a folder read while nobody writes it."""
+"""State read beside its owner and left as it is: a folder, and the database of a fleet."""
 
+from __future__ import annotations
+
+import asyncio
 import errno
 import os
 import sqlite3
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing
+from functools import partial
 from pathlib import Path
 
 import pytest
-from support.fake_zones import make_sample
+from support.fake_zones import make_sample, make_update
+from support.shards import Shards, checkpoint
 
-import service.store.journal
-from service.store.journal import Journal
-from service.store.reading import stored_fingerprints
-from service.store.store import JOURNAL
+from service.errors import Fenced, JournalError, ServiceError
+from service.store.journal import _FINGERPRINTS, Journal
+from service.store.journalling import JournalStore
+from service.store.postgres.reading import read_site
+from service.store.reading import StoredState, read_state, stored_fingerprints
+from service.store.store import JOURNAL, Store
+
+Read = Callable[[], AbstractContextManager[StoredState]]
+
+
+async def fill(store: JournalStore) -> None:
+    """A zone of two samples and two checkpoints, and one that has none."""
+    await store.claim("z", "f")
+    for step in (0, 1):
+        await store.append("z", make_sample(step))
+        store.record("z", make_update(step))
+        store.checkpoints.save("z", checkpoint(make_sample(step).time))
+    await store.claim("empty", "f")
+    await store.write(store.journal.flush)
+
+
+@pytest.fixture(params=["sqlite", "postgres"])
+def read(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Read]:
+    """The state, of which the newer checkpoint is damaged, and whose owner is still there."""
+    newer = make_sample(1).time
+    if request.param == "sqlite":
+        store: JournalStore = Store(tmp_path)
+        asyncio.run(fill(store))
+        (tmp_path / "checkpoints" / "z" / f"{newer:012d}.npz").write_bytes(b"\0")
+        yield partial(read_state, tmp_path)
+        store.close()
+        return
+    shards: Shards = request.getfixturevalue("shards")
+    asyncio.run(fill(shards.store()))
+    shards.sql(f"UPDATE {{}}.checkpoints SET content = '\\x00' WHERE step = {newer}")
+    yield partial(read_site, shards.connection, shards.site)
+
+
+def test_it_is_read_as_its_owner_has_written_it_and_left_so(read: Read) -> None:
+    for _ in range(2):
+        with read() as state:
+            assert state.zones() == {"z": "f"}
+            times = [sample.time for sample in state.journal.samples_after("z", None)]
+            assert times == [make_sample(step).time for step in (0, 1)]
+            assert state.journal.samples_ahead("z", times[0]) == 1
+            assert state.journal.last_sample_time("z") == times[1]
+            assert len(state.journal.history("z", None, None, 9)) == 2
+            found = state.checkpoint("z", "f")
+            assert found is not None
+            assert found.step == times[0], "the damaged one is left out"
+            assert state.checkpoint("z", "another") is None
+            with pytest.raises((Fenced, JournalError)):
+                state.journal.append_all([("z", make_sample(2))])
+
+
+def test_what_is_not_there_is_refused_and_not_made(shards: Shards, tmp_path: Path) -> None:
+    with pytest.raises(ServiceError, match="there is no state of the site 'elsewhere'"):
+        read_site(shards.connection, "elsewhere").__enter__()
+    assert shards.server.run("SELECT to_regnamespace('thermogate_elsewhere')") == [(None,)]
+    with pytest.raises(ServiceError, match="there is no state in"):
+        read_state(tmp_path / "elsewhere").__enter__()
+    assert stored_fingerprints(tmp_path / "elsewhere") == {}
+    assert not (tmp_path / "elsewhere").exists()
 
 
 def test_the_zones_with_samples_are_found_without_reading_the_samples(tmp_path: Path) -> None:
     """Every command that reads a configuration asks for them, and a journal may have gigabytes."""
     with closing(Journal.open(tmp_path / JOURNAL)) as journal:
-        for zone in ("living", "empty"):
-            journal.claim(zone, f"mark of {zone}")
-        journal.append_all([("living", make_sample(step)) for step in range(3)])
-    assert stored_fingerprints(tmp_path) == {"living": "mark of living"}
+        journal.claim("living", "mark")
+        journal.append_all([("living", make_sample(0))])
+    assert stored_fingerprints(tmp_path) == {"living": "mark"}
     with closing(sqlite3.connect(tmp_path / JOURNAL)) as connection:
-        steps = [row[3] for row in connection.execute(f"EXPLAIN QUERY PLAN {service.store.journal._FINGERPRINTS}")]
+        steps = [row[3] for row in connection.execute(f"EXPLAIN QUERY PLAN {_FINGERPRINTS}")]
     assert not [step for step in steps if "SCAN samples" in step]
 
 

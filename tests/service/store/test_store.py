@@ -1,39 +1,49 @@
-"""Journal and checkpoints behind the event loop: samples that come together share commits, and nothing is lost."""
+"""The store of a folder: who may look into it, and that it accepts nothing that would be lost."""
+
+from __future__ import annotations
 
 import asyncio
+import errno
+import os
 import shutil
+import sqlite3
+import stat
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from support.zone_samples import sample
 
-import service.store.store
-from service.errors import JournalError
+from service.errors import JournalError, ServiceError
+from service.records.series import Stretch
+from service.store import store as module
+from service.store.checkpoint import Checkpoint
+from service.store.journal_file import translated
+from service.store.series import bucket_of
 from service.store.store import Store
+from service.web.keys import create_key
 
 
 @pytest.fixture
-def store(tmp_path):
-    opened = Store(tmp_path)
+def store(tmp_path: Path) -> Iterator[Store]:
+    opened = Store(tmp_path / "state")
     yield opened
     opened.close()
 
 
-def spied(store, monkeypatch, failures=()):
-    """How many samples each commit took; the first commits raise `failures`."""
-    commits, real, left = [], store.journal.append_all, list(failures)
+async def test_a_failed_commit_is_told_to_everyone_in_it_and_the_next_one_works(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commits, real = list[int](), store.journal.append_all
 
-    def append_all(accepted):
+    def append_all(accepted: Any) -> int:
         commits.append(len(accepted))
-        if left:
-            raise left.pop(0)
+        if len(commits) == 1:
+            raise JournalError("the journal failed (disk full); free space on its disk")
         return real(accepted)
 
     monkeypatch.setattr(store.journal, "append_all", append_all)
-    return commits
-
-
-async def test_a_failed_commit_is_told_to_everyone_in_it_and_the_next_one_works(store, monkeypatch):
-    commits = spied(store, monkeypatch, [JournalError("the journal failed (disk full); free space on its disk")])
     first = await asyncio.gather(*(store.append(zone, sample(0)) for zone in "abc"), return_exceptions=True)
     assert [type(result) for result in first] == [JournalError] * 3
     assert await store.run(store.journal.last_sample_time, "a") is None
@@ -42,67 +52,100 @@ async def test_a_failed_commit_is_told_to_everyone_in_it_and_the_next_one_works(
     assert commits == [3, 3]
 
 
-def _delete(folder):
-    shutil.rmtree(folder)
-
-
-def _move(folder):
+def _move(folder: Path) -> None:
     folder.rename(folder.with_name("moved"))
 
 
-def _replace(folder):
-    folder.rename(folder.with_name("moved"))
+def _replace(folder: Path) -> None:
+    _move(folder)
     Store(folder).close()
 
 
-def _delete_journal(folder):
-    (folder / "journal.sqlite3").unlink()
-
-
-@pytest.mark.parametrize("take_away", [_delete, _move, _replace, _delete_journal])
-def test_nothing_is_accepted_into_a_folder_that_has_been_taken_away(tmp_path, caplog, take_away):
-    folder = tmp_path / "state"
-    store = Store(folder)
-
-    async def scenario():
-        await store.append("z", sample(0))
-        assert store.problems() == []
-        take_away(folder)
-        for _ in range(2):
-            with pytest.raises(JournalError, match="has been deleted or replaced while the daemon runs"):
-                await store.append("z", sample(1))
-        with pytest.raises(JournalError):
-            await store.write(store.journal.flush)
-        assert await store.run(store.journal.last_sample_time, "z") == sample(0).time, "reading goes on"
-        return store.problems()
-
-    try:
-        (problem,) = asyncio.run(scenario())
-    finally:
-        store.close()
-    assert str(folder) in problem
+@pytest.mark.parametrize(
+    "take_away", [shutil.rmtree, _move, _replace, lambda folder: (folder / "journal.sqlite3").unlink()]
+)
+async def test_nothing_is_accepted_into_a_folder_that_has_been_taken_away(
+    store: Store, caplog: pytest.LogCaptureFixture, take_away: Callable[[Path], object]
+) -> None:
+    await store.append("z", sample(0))
+    assert store.problems() == []
+    take_away(store.path)
+    for _ in range(2):
+        with pytest.raises(JournalError, match="has been deleted or replaced while the daemon runs"):
+            await store.append("z", sample(1))
+    with pytest.raises(JournalError):
+        await store.write(store.journal.flush)
+    assert await store.run(store.journal.last_sample_time, "z") == sample(0).time, "reading goes on"
+    assert [str(store.path) in problem for problem in store.problems()] == [True]
     assert [record.levelname for record in caplog.records] == ["ERROR"], "said once"
 
 
-def test_a_folder_that_is_put_back_is_written_to_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(service.store.store.Store, "look_seconds", 0.01)
-    folder = tmp_path / "state"
-    store = Store(folder)
-
-    async def scenario():
-        watching = asyncio.create_task(store.watch())
-        _move(folder)
-        async with asyncio.timeout(60):
-            while not store.problems():
-                await asyncio.sleep(0.01)
-            folder.with_name("moved").rename(folder)
-            while store.problems():
-                await asyncio.sleep(0.01)
-        watching.cancel()
-        await store.append("z", sample(0))
-
-    asyncio.run(scenario())
+async def test_a_folder_that_is_put_back_is_written_to_again(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Store, "look_seconds", 0.01)
+    watching = asyncio.create_task(store.watch())
+    _move(store.path)
+    async with asyncio.timeout(60):
+        while not store.problems():
+            await asyncio.sleep(0.01)
+        store.path.with_name("moved").rename(store.path)
+        while store.problems():
+            await asyncio.sleep(0.01)
+    watching.cancel()
+    await store.append("z", sample(0))
     store.close()
-    again = Store(folder)
-    assert asyncio.run(again.run(again.journal.last_sample_time, "z")) == sample(0).time
+    again = Store(store.path)
+    assert await again.run(again.journal.last_sample_time, "z") == sample(0).time
     again.close()
+
+
+def test_only_the_owner_can_look_in(tmp_path: Path) -> None:
+    before = os.umask(0)
+    try:
+        folder = tmp_path / "var" / "state"
+        store = Store(folder)
+        store.checkpoints.save("living", Checkpoint("f", 0, {}, {}))
+        store.close()
+        create_key(folder / "keys.json", "one", "read")
+    finally:
+        os.umask(before)
+    found = {path: stat.S_IMODE(path.stat().st_mode) for path in (folder, *folder.rglob("*"))}
+    assert found == {path: 0o700 if path.is_dir() else 0o600 for path in found}
+    assert {path.suffix for path in found} >= {".sqlite3", ".npz", ".json"}
+
+
+@pytest.mark.parametrize(("mode", "warned"), [(0o755, True), (0o701, True), (0o700, False), (0o750, False)])
+def test_a_folder_that_every_account_can_enter_is_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, mode: int, warned: bool
+) -> None:
+    (tmp_path / "lock").touch(0o644)
+    tmp_path.chmod(mode)
+    Store(tmp_path).close()
+    assert ("say: chmod o= " in caplog.text) == warned
+    assert stat.S_IMODE((tmp_path / "lock").stat().st_mode) == 0o600, "whoever can open it can hold it"
+
+
+def test_a_disk_that_fails_is_thought_of_before_the_file(tmp_path: Path) -> None:
+    error = sqlite3.DatabaseError("database disk image is malformed")
+    error.sqlite_errorname = "SQLITE_CORRUPT"
+    told = r"whether its disk has failed.*if the file itself is damaged"
+    with pytest.raises(JournalError, match=told), translated(tmp_path):
+        raise error
+
+
+def test_a_full_disk_is_refused_with_what_frees_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(module, "make_folder", full)
+    with pytest.raises(ServiceError, match=r"free space on its disk: .*reset-\*.*old backups"):
+        Store(tmp_path / "state")
+
+
+def test_a_long_stretch_is_read_in_few_buckets_of_whole_periods_and_in_strides() -> None:
+    for points in (10, 100, 999):
+        for length in (3600, 86_400, 365 * 86_400):
+            bucket = bucket_of(900, 900 + length, 300, points)
+            assert bucket % 300 == 0
+            assert length / bucket + 1 <= points or bucket == 300
+    assert 365 * 86_400 // Stretch("z", 0, 365 * 86_400, 1, 86_400, 3).stride <= 600_000
+    assert Stretch("z", 0, 365 * 86_400, 300, 86_400, 3).stride == 1

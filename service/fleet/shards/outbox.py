@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import secrets
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
@@ -21,11 +22,11 @@ LOOK = 1.0
 """How often it is looked whether a zone's status has changed by itself, as with the time, s."""
 
 
-class Herald(Sink):
+class Outbox(Sink):
     """The newest of every zone. A gateway that is slow misses what was overtaken, and nothing waits for it."""
 
-    def __init__(self, boot: str) -> None:
-        self._boot = boot
+    def __init__(self) -> None:
+        self._boot = secrets.token_hex(8)
         self.zones: Mapping[str, Zone] = {}
         self._loop = asyncio.get_running_loop()
         self._lock = threading.Lock()
