@@ -1,38 +1,32 @@
-"""What Home Assistant is told so that every zone appears there as a device: MQTT discovery. Pure."""
+"""What Home Assistant is told so that every zone appears there as a device: MQTT discovery. Pure.
+
+The entities are those of `home_assistant.toml`; here is which of them a zone has, and what is filled in.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Iterator, Mapping
 from importlib.metadata import version
+from pathlib import Path
+from string import Template
 from typing import Any
 
 from adapters.fields.durations import format_duration
-from service.publish.payloads import AheadPayload
 from service.publish.sinks import Announcement
-from service.records.skill import Skill
-from service.records.status import STATES
-from service.records.trust import LEVELS, Trust
-from service.records.update import CONSTANT, Update
 
 SKILL_DAYS = 7
 """The window whose skill is shown: long enough to be steady, short enough to notice a change."""
 
-_NUMBER = {"state_class": "measurement", "suggested_display_precision": 2}
-_TEMPERATURE = {"device_class": "temperature", "unit_of_measurement": "°C"} | _NUMBER
-_REGIMES = ("low", "transitional", "high", CONSTANT)
+_ENTITIES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+_WORDS: Mapping[str, str] = _ENTITIES.pop("words")
+_ALWAYS = ("status", "trust", "skill")
+"""Entities that say something of a zone that vouches for nothing, too."""
+
 _RUNNING = "{{ 'online' if value_json.state == 'running' else 'offline' }}"
-_SENTENCES = (
-    "(([value_json.reason] if value_json.state in ('stalled', 'failed') else [])"
-    " + (value_json.findings | map(attribute='sentence') | list))"
-)
-_PROBLEM = f"{{{{ 'ON' if {_SENTENCES} else 'OFF' }}}}"
-_SENTENCE = f"{{{{ {{'sentence': {_SENTENCES} | first | default(''), 'all': {_SENTENCES}}} | tojson }}}}"
-_REASON = "{{ {'state': value_json.state, 'reason': value_json.reason} | tojson }}"
-_FORECAST = (
-    "{{ {'issue_time': value_json.issue_time, 'valid_time': value_json.valid_time, 'quality': value_json.quality, "
-    "'sd': value_json.sd} | tojson }}"
-)
+
+_Filled = Mapping[str, object]
 
 
 def discovery(
@@ -43,7 +37,7 @@ def discovery(
     `topics` is what the topics of the zone begin with, `available` where "online" and "offline" are told, and
     `page` the address of the page for people.
     """
-    zone, update = announcement.zone, announcement.update
+    zone = announcement.zone
     identity = f"thermogate_{site}_{zone}"
     common = {
         "device": {
@@ -60,141 +54,72 @@ def discovery(
     up = [{"topic": available}]
     # A zone that is stalled or failed has no forecast that anybody should act on; its state is known all the same.
     vouching = [*up, {"topic": f"{topics}/status", "value_template": _RUNNING}]
-    entities = [*((up, entity) for entity in _of_status())]
-    if update is not None:
-        entities += [(vouching, entity) for entity in _of_update(update)]
-    reports = announcement.reports
-    if reports.ahead is not None:
-        entities += [(vouching, entity) for entity in _of_hours_ahead(reports.ahead)]
-    if reports.trust is not None:
-        entities += [(up, entity) for entity in _of_trust(reports.trust)]
-    if reports.skill is not None:
-        entities += [(up, entity) for entity in _of_skill(reports.skill)]
     found = {}
-    for availability, (component, key, topic, settings) in entities:
-        document = {
-            "unique_id": f"{identity}_{key}",
-            "state_topic": f"{topics}/{topic}",
-            "availability": availability,
-            **common,
-            **settings,
-        }
-        if "json_attributes_template" in settings:
-            document["json_attributes_topic"] = f"{topics}/{topic}"
-        found[f"{prefix}/{component}/{identity}/{key}/config"] = json.dumps(document).encode()
+    for kind, filled in _known(announcement):
+        for entity in _ENTITIES[kind]:
+            settings = _written(entity, filled)
+            component, key, topic = (settings.pop(name) for name in ("component", "key", "topic"))
+            document = {
+                "unique_id": f"{identity}_{key}",
+                "state_topic": f"{topics}/{topic}",
+                "availability": up if kind in _ALWAYS else vouching,
+                **common,
+                **settings,
+            }
+            if "json_attributes_template" in settings:
+                document["json_attributes_topic"] = f"{topics}/{topic}"
+            found[f"{prefix}/{component}/{identity}/{key}/config"] = json.dumps(document).encode()
     return found
 
 
-_Entity = tuple[str, str, str, dict[str, Any]]
-"""Component, key, the topic that its value comes from, and what else is to be said of it."""
+def _known(announcement: Announcement) -> Iterator[tuple[str, _Filled]]:
+    """The kinds of entities that the zone has, each with what is filled in."""
+    update, reports = announcement.update, announcement.reports
+    yield "status", {}
+    if update is not None:
+        outputs = update.forecast.outputs
+        for index, output in enumerate(outputs):
+            levels = [interval.level for interval in output.intervals]
+            widest = levels.index(max(levels))
+            interval = {"widest": widest, "percent": f"{100 * levels[widest]:g} %"}
+            yield "output", _about(index, output.output, len(outputs)) | interval
+        if update.volatility.blocks:
+            yield "volatility", {}
+        yield "gate", {}
+        if update.disturbance is not None:
+            yield "gain", {}
+    if reports.ahead is not None:
+        for index, one in enumerate(reports.ahead.outputs):
+            about = _about(index, one.output, len(reports.ahead.outputs))
+            for horizon in one.horizons:
+                last = Template(_WORDS["fan"]).substitute(about) if horizon is one.horizons[-1] else ""
+                yield "ahead", about | _horizon(horizon.lead) | {"last": last}
+        if reports.ahead.heating is not None:
+            yield "heating", {}
+    for trusted in () if reports.trust is None else reports.trust.horizons:
+        yield "trust", _horizon(trusted.lead)
+    for verified in () if reports.skill is None else reports.skill.over(SKILL_DAYS):
+        yield "skill", _horizon(verified.lead) | {"days": SKILL_DAYS}
 
 
-def _of_status() -> Iterator[_Entity]:
-    diagnostic = {"entity_category": "diagnostic"}
-    state = {
-        "name": "State",
-        "device_class": "enum",
-        "options": list(STATES),
-        "value_template": "{{ value_json.state }}",
+def _about(index: int, output: str, count: int) -> dict[str, object]:
+    """What is filled in about one output of `count`."""
+    alone = count == 1
+    return {
+        "index": index,
+        "forecast": "forecast" if alone else f"forecast_{output}",
+        "of": "" if alone else f" {output}",
     }
-    yield "sensor", "state", "status", state | {"json_attributes_template": _REASON} | diagnostic
-    last = {"device_class": "timestamp", "value_template": "{{ value_json.last_sample_time }}"}
-    yield "sensor", "last_sample", "status", {"name": "Last sample"} | last | diagnostic
-    problem = {"name": "Problem", "device_class": "problem", "value_template": _PROBLEM}
-    yield "binary_sensor", "problem", "status", problem | {"json_attributes_template": _SENTENCE}
 
 
-def _of_update(update: Update) -> Iterator[_Entity]:
-    outputs = update.forecast.outputs
-    for index, output in enumerate(outputs):
-        of = "" if len(outputs) == 1 else f" {output.output}"
-        key = "forecast" if len(outputs) == 1 else f"forecast_{output.output}"
-        place = f"value_json.outputs[{index}]"
-        mean = {"name": f"Forecast{of}", "value_template": f"{{{{ {place}.mean }}}}"}
-        yield "sensor", key, "forecast", mean | _TEMPERATURE | {"json_attributes_template": _FORECAST}
-        widest = max(range(len(output.intervals)), key=lambda k: output.intervals[k].level)
-        percent = f"{100 * output.intervals[widest].level:g} %"
-        for bound in ("lower", "upper"):
-            settings = {
-                "name": f"Forecast{of} {bound} ({percent})",
-                "value_template": f"{{{{ {place}.intervals[{widest}].{bound} }}}}",
-            }
-            yield "sensor", f"{key}_{bound}", "forecast", settings | _TEMPERATURE
-    if update.volatility.blocks:
-        alpha = {"name": "Volatility", "value_template": "{{ value_json.volatility.median }}"}
-        yield "sensor", "volatility", "volatility", alpha | _NUMBER
-    yield "sensor", "gate", "gate", {"name": "Learning gate", "value_template": "{{ value_json.gate }}"} | _NUMBER
-    regime = {
-        "name": "Regime",
-        "device_class": "enum",
-        "options": list(_REGIMES),
-        "value_template": "{{ value_json.regime }}",
+def _horizon(lead: int) -> dict[str, object]:
+    return {"lead": lead, "duration": format_duration(lead)}
+
+
+def _written(entity: Mapping[str, Any], filled: _Filled) -> dict[str, Any]:
+    """The settings of an entity, everything filled in."""
+    words = {name: Template(text).safe_substitute(filled) for name, text in _WORDS.items()}
+    return {
+        name: Template(value).substitute(words, **filled) if isinstance(value, str) else value
+        for name, value in entity.items()
     }
-    yield "sensor", "regime", "gate", regime
-    if update.disturbance is not None:
-        gain = {
-            "name": "Unmeasured heat",
-            "device_class": "power",
-            "unit_of_measurement": "W",
-            "value_template": "{{ value_json.median }}",
-        }
-        yield "sensor", "gain", "gain", gain | _NUMBER | {"suggested_display_precision": 0}
-
-
-def _of_hours_ahead(ahead: AheadPayload) -> Iterator[_Entity]:
-    for index, output in enumerate(ahead.outputs):
-        alone = len(ahead.outputs) == 1
-        key, of = ("forecast", "") if alone else (f"forecast_{output.output}", f" {output.output}")
-        place = f"value_json.outputs[{index}]"
-        for horizon in output.horizons:
-            chosen = f"({place}.horizons | selectattr('lead_s', 'eq', {horizon.lead}) | first)"
-            told = ", ".join(f"'{name}': {chosen}.{name}" for name in ("valid_time", "lower", "upper", "sd"))
-            told += ", 'quality': value_json.quality"
-            if horizon is output.horizons[-1]:
-                columns = (f"'{name}': {place}.{name} | map('round', 2) | list" for name in ("mean", "lower", "upper"))
-                begin = "'start': value_json.valid_time, 'step_s': value_json.step_s"
-                told += f", 'fan': {{{begin}, {', '.join(columns)}}}"
-            settings = {
-                "name": f"Forecast{of} {format_duration(horizon.lead)} ahead",
-                "value_template": f"{{{{ {chosen}.mean }}}}",
-                "json_attributes_template": f"{{{{ {{{told}}} | tojson }}}}",
-            }
-            yield "sensor", f"{key}_{horizon.lead}", "ahead", _TEMPERATURE | settings
-    if ahead.heating is not None:
-        told = ", ".join(f"'{name}': value_json.heating.{name}" for name in ("target", "by", "probability", "reached"))
-        start = {
-            "name": "Start heating",
-            "device_class": "timestamp",
-            "value_template": "{{ value_json.heating.start if value_json.heating else None }}",
-            "json_attributes_template": f"{{{{ ({{{told}}} if value_json.heating else {{}}) | tojson }}}}",
-        }
-        yield "sensor", "start_heating", "ahead", start
-
-
-def _of_trust(trust: Trust) -> Iterator[_Entity]:
-    for horizon in trust.horizons:
-        chosen = f"(value_json.horizons | selectattr('lead_s', 'eq', {horizon.lead}) | first)"
-        told = ", ".join(f"'{name}': {chosen}.{name}" for name in ("reason", "since", "planned"))
-        settings = {
-            "name": f"Trust {format_duration(horizon.lead)} ahead",
-            "device_class": "enum",
-            "options": list(LEVELS),
-            "value_template": f"{{{{ {chosen}.trust }}}}",
-            "json_attributes_template": f"{{{{ {{{told}}} | tojson }}}}",
-        }
-        yield "sensor", f"trust_{horizon.lead}", "trust", settings
-
-
-def _of_skill(skill: Skill) -> Iterator[_Entity]:
-    for horizon in skill.over(SKILL_DAYS):
-        ahead = format_duration(horizon.lead)
-        chosen = (
-            f"((value_json.windows | selectattr('days', 'eq', {SKILL_DAYS}) | first).horizons"
-            f" | selectattr('lead_s', 'eq', {horizon.lead}) | first)"
-        )
-        shown = _NUMBER | {"entity_category": "diagnostic"}
-        against = {"name": f"Skill {ahead} ahead", "value_template": f"{{{{ {chosen}.skill_against_persistence }}}}"}
-        yield "sensor", f"skill_{horizon.lead}", "skill", against | shown
-        # K of a difference: with a device class it would be converted to degC as a temperature is.
-        error = {"name": f"Error {ahead} ahead", "value_template": f"{{{{ {chosen}.rmse }}}}"}
-        yield "sensor", f"rmse_{horizon.lead}", "skill", error | shown | {"unit_of_measurement": "K"}
