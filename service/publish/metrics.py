@@ -1,15 +1,18 @@
 """Metrics for Prometheus, in a registry of their own.
 
-What happens is counted here by the one who sees it (`publish`, ...). What there is at the moment of a scrape is a
-`service.records.measures.Measure` that its owner offers, and is registered with `Metrics.register`.
+What happens is counted here by the one who sees it (`publish`, ...). What there is at the moment of a scrape is read
+then: the figures of every zone, which `metrics.toml` describes, and each `service.records.measures.Measure` that its
+owner offers to `Metrics.register`.
 """
 
 from __future__ import annotations
 
 import platform
 import threading
-from collections.abc import Iterable, Mapping
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import isfinite
+from pathlib import Path
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, GCCollector, Histogram, ProcessCollector
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
@@ -18,10 +21,9 @@ from prometheus_client.registry import Collector
 from adapters.fields.durations import format_duration
 from estimator.diagnosis.finding import FINDINGS
 from estimator.types import ALPHA_LEVELS
-from service.publish.payloads import AheadPayload, clock
-from service.publish.sinks import Announcement, Occasion, Sink
+from service.publish.payloads import clock
+from service.publish.sinks import NO_REPORTS, Announcement, Occasion, Reports, Sink
 from service.records.measures import Measure, family
-from service.records.skill import Skill
 from service.records.status import STATES
 from service.records.trust import LEVELS as TRUST_LEVELS
 from service.records.update import Update
@@ -30,82 +32,45 @@ from service.records.view import ZoneView
 _SKILL_DAYS = 7
 _DELAY_BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.25, 0.5, 1.0)
 _UPDATE_BUCKETS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
+_COUNTERS = ("faults", "overruns")
+_DESCRIBED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+
+_Figure = tuple[str, float, *tuple[str, ...]]
+"""The name of a metric, its value, and the values of its labels after `zone`."""
 
 
 class Metrics(Sink):
-    """The daemon's metrics: a sink that counts updates. What a zone's status tells is read at scrape time."""
+    """The daemon's metrics: a sink that counts updates and keeps the newest reports."""
 
     def __init__(self, zones: Mapping[str, ZoneView], version: str = "unknown") -> None:
         self.registry = registry = CollectorRegistry()
         self._lock = threading.Lock()
         self._removed: set[str] = set()
-        self._of_zones: list[Counter | Gauge | Histogram] = []
-
-        def gauge(name: str, text: str, *labels: str) -> Gauge:
-            made = Gauge(f"thermogate_{name}", text, ["zone", *labels], registry=registry)
-            self._of_zones.append(made)
-            return made
-
-        def counter(name: str, text: str, *labels: str) -> Counter:
-            made = Counter(f"thermogate_{name}", text, ["zone", *labels], registry=registry)
-            self._of_zones.append(made)
-            return made
-
-        self._samples = counter("samples", "Samples processed")
+        self._reports: dict[str, Reports] = {}
+        self._samples = Counter("thermogate_samples", "Samples processed", ["zone"], registry=registry)
         self._seconds = Histogram(
             "thermogate_update_seconds", "Wall time of one update", ["zone"], buckets=_UPDATE_BUCKETS, registry=registry
         )
-        self._of_zones.append(self._seconds)
-        self._alpha = gauge("alpha_median", "Median of the volatility", "block")
-        self._gate = gauge("gate", "Learning gate, 0 to 1")
-        self._n_eff = gauge("n_eff", "Effective sample size, particles")
-        self._width = gauge(
-            "interval_width_kelvin", "Width of the published interval of the first output, at the first level"
-        )
-        self._measured = gauge("measured_celsius", "Mean of the newest sample; NaN if it has none", "output")
-        self._setpoint = gauge("setpoint_celsius", "Set-point of the newest sample")
-        self._forecast = gauge("forecast_celsius", "Forecast of the next sample: its mean", "output")
-        self._bounds = gauge(
-            "forecast_bound_celsius",
-            "Forecast of the next sample: lower and upper bound at the first level",
-            "output",
-            "bound",
-        )
-        self._ahead = gauge("forecast_ahead_celsius", "Forecast hours ahead: its mean", "output", "lead")
-        self._ahead_bounds = gauge(
-            "forecast_ahead_bound_celsius",
-            "Forecast hours ahead: lower and upper bound of the 95 % interval",
-            "output",
-            "lead",
-            "bound",
-        )
-        self._gain = gauge("gain_watts", "Unmeasured heat into the zone", "quantile")
-        self._heat_loss = gauge("heat_loss_watts_per_kelvin", "Heat-loss coefficient, every hour", "quantile")
-        self._coverage = gauge("forecast_coverage", "Share of forecasts whose 95 % interval held, 7 days", "lead")
-        self._crps = gauge("forecast_crps_kelvin", "Mean CRPS of forecasts, 7 days", "lead")
-        self._skill = gauge("forecast_skill", "1 - RMSE / RMSE of the reference, 7 days", "lead", "reference")
-        self._issued_coverage = gauge(
-            "forecast_issued_coverage",
-            "Share of 95 % intervals that held what came, as published when nobody knew the heating, 7 days",
-            "lead",
-        )
-        self._issued_crps = gauge(
-            "forecast_issued_crps_kelvin",
-            "Mean CRPS of forecasts as published when nobody knew the heating, 7 days",
-            "lead",
-        )
+        registry.register(_OfZones(_DESCRIBED["forecasts"], _of_forecasts, zones, self._reports))
         self._loop_delay = Histogram(
             "thermogate_event_loop_delay_seconds",
             "How late the event loop served a timer",
             buckets=_DELAY_BUCKETS,
             registry=registry,
         )
-        self._checkpoints = counter("checkpoints", "Checkpoints by result", "result")
-        self._checkpointed = gauge("checkpoint_timestamp_seconds", "When the newest checkpoint was written")
-        self._failures = counter("zone_failures", "Failed attempts of a zone")
+        self._checkpoints = Counter(
+            "thermogate_checkpoints", "Checkpoints by result", ["zone", "result"], registry=registry
+        )
+        self._checkpointed = Gauge(
+            "thermogate_checkpoint_timestamp_seconds",
+            "When the newest checkpoint was written",
+            ["zone"],
+            registry=registry,
+        )
+        self._failures = Counter("thermogate_zone_failures", "Failed attempts of a zone", ["zone"], registry=registry)
         build = Gauge("thermogate_build_info", "Always 1", ["version", "python"], registry=registry)
         build.labels(version, platform.python_version()).set(1.0)
-        registry.register(_StatusCollector(zones))
+        registry.register(_OfZones(_DESCRIBED["statuses"], _of_status, zones, self._reports))
         ProcessCollector(registry=registry)
         GCCollector(registry=registry)
 
@@ -126,26 +91,20 @@ class Metrics(Sink):
         """Show nothing of `zone` any more."""
         with self._lock:
             self._removed.add(zone)
-            for metric in self._of_zones:
+            self._reports.pop(zone, None)
+            for metric in (self._samples, self._seconds, self._checkpoints, self._checkpointed, self._failures):
                 metric.remove_by_labels({"zone": zone})
 
     def publish(self, announcement: Announcement) -> None:
         """Take in what is new about a zone; hours ahead that were being computed when it was removed come too late."""
+        zone, update = announcement.zone, announcement.update
         with self._lock:
-            if announcement.zone not in self._removed:
-                self._take(announcement)
-
-    def _take(self, announcement: Announcement) -> None:
-        if announcement.occasion is Occasion.UPDATE and announcement.update is not None:
-            self._observe(announcement.zone, announcement.update)
-        reports = announcement.reports
-        if reports.skill is not None:
-            self._observe_skill(announcement.zone, reports.skill)
-        if reports.ahead is not None:
-            self._observe_ahead(announcement.zone, reports.ahead)
-        if reports.heat_loss is not None:
-            for level, value in zip(ALPHA_LEVELS, reports.heat_loss, strict=True):
-                self._heat_loss.labels(announcement.zone, f"{level:g}").set(value)
+            if zone in self._removed:
+                return
+            if announcement.occasion is Occasion.UPDATE and update is not None:
+                self._samples.labels(zone).inc()
+                self._seconds.labels(zone).observe(update.step_seconds)
+            self._reports[zone] = announcement.reports.beside(self._reports.get(zone, NO_REPORTS))
 
     def observe_loop_delay(self, seconds: float) -> None:
         """Take in how late the event loop was for one timer."""
@@ -161,49 +120,73 @@ class Metrics(Sink):
         """A step of `zone`, or the restoring of its state, failed."""
         self._failures.labels(zone).inc()
 
-    def _observe(self, zone: str, update: Update) -> None:
-        self._samples.labels(zone).inc()
-        self._seconds.labels(zone).observe(update.step_seconds)
-        for block, median in zip(update.volatility.blocks, update.volatility.median, strict=True):
-            self._alpha.labels(zone, block).set(median)
-        self._gate.labels(zone).set(update.shown_gate.value)
-        if update.effective_sample_size is not None:
-            self._n_eff.labels(zone).set(update.effective_sample_size)
-        for interval in update.forecast.outputs[0].intervals[:1]:
-            self._width.labels(zone).set(interval.upper - interval.lower)
-        for measured, forecast in zip(update.y, update.forecast.outputs, strict=True):
-            self._measured.labels(zone, forecast.output).set(measured)
-            self._forecast.labels(zone, forecast.output).set(forecast.mean)
-            for interval in forecast.intervals[:1]:
-                self._bounds.labels(zone, forecast.output, "lower").set(interval.lower)
-                self._bounds.labels(zone, forecast.output, "upper").set(interval.upper)
-        if isfinite(update.setpoint):
-            self._setpoint.labels(zone).set(update.setpoint)
-        if update.disturbance is not None and isfinite(update.disturbance.gain[1]):
-            for level, gain in zip(ALPHA_LEVELS, update.disturbance.gain, strict=True):
-                self._gain.labels(zone, f"{level:g}").set(gain)
 
-    def _observe_skill(self, zone: str, skill: Skill) -> None:
-        for one in skill.over(_SKILL_DAYS):
+def _of_forecasts(zone: ZoneView, reports: Reports) -> Iterator[_Figure]:
+    if (update := zone.latest()) is not None:
+        yield from _of_update(update)
+    for output in reports.ahead.outputs if reports.ahead is not None else ():
+        for ahead in output.horizons:
+            labels = output.output, format_duration(ahead.lead)
+            yield "forecast_ahead_celsius", ahead.mean, *labels
+            yield "forecast_ahead_bound_celsius", ahead.lower, *labels, "lower"
+            yield "forecast_ahead_bound_celsius", ahead.upper, *labels, "upper"
+    yield from _quantiles("heat_loss_watts_per_kelvin", reports.heat_loss or ())
+    if reports.skill is not None:
+        for one in reports.skill.over(_SKILL_DAYS):
             if one.forecasts:
                 lead = format_duration(one.lead)
-                self._coverage.labels(zone, lead).set(one.coverage)
-                self._crps.labels(zone, lead).set(one.crps)
-                self._skill.labels(zone, lead, "persistence").set(one.skill_against_persistence)
-                self._skill.labels(zone, lead, "arx").set(one.skill_against_arx)
-        for issued in skill.issued_over(_SKILL_DAYS):
+                yield "forecast_coverage", one.coverage, lead
+                yield "forecast_crps_kelvin", one.crps, lead
+                yield "forecast_skill", one.skill_against_persistence, lead, "persistence"
+                yield "forecast_skill", one.skill_against_arx, lead, "arx"
+        for issued in reports.skill.issued_over(_SKILL_DAYS):
             if issued.forecasts:
-                lead = format_duration(issued.lead)
-                self._issued_coverage.labels(zone, lead).set(issued.coverage)
-                self._issued_crps.labels(zone, lead).set(issued.crps)
+                yield "forecast_issued_coverage", issued.coverage, format_duration(issued.lead)
+                yield "forecast_issued_crps_kelvin", issued.crps, format_duration(issued.lead)
 
-    def _observe_ahead(self, zone: str, ahead: AheadPayload) -> None:
-        for output in ahead.outputs:
-            for one in output.horizons:
-                labels = zone, output.output, format_duration(one.lead)
-                self._ahead.labels(*labels).set(one.mean)
-                self._ahead_bounds.labels(*labels, "lower").set(one.lower)
-                self._ahead_bounds.labels(*labels, "upper").set(one.upper)
+
+def _of_update(update: Update) -> Iterator[_Figure]:
+    for block, median in zip(update.volatility.blocks, update.volatility.median, strict=True):
+        yield "alpha_median", median, block
+    yield "gate", update.shown_gate.value
+    if update.effective_sample_size is not None:
+        yield "n_eff", update.effective_sample_size
+    for interval in update.forecast.outputs[0].intervals[:1]:
+        yield "interval_width_kelvin", interval.upper - interval.lower
+    for measured, forecast in zip(update.y, update.forecast.outputs, strict=True):
+        yield "measured_celsius", measured, forecast.output
+        yield "forecast_celsius", forecast.mean, forecast.output
+        for interval in forecast.intervals[:1]:
+            yield "forecast_bound_celsius", interval.lower, forecast.output, "lower"
+            yield "forecast_bound_celsius", interval.upper, forecast.output, "upper"
+    if isfinite(update.setpoint):
+        yield "setpoint_celsius", update.setpoint
+    if update.disturbance is not None and isfinite(update.disturbance.gain[1]):
+        yield from _quantiles("gain_watts", update.disturbance.gain)
+
+
+def _quantiles(name: str, values: Sequence[float]) -> Iterator[_Figure]:
+    for level, value in zip(ALPHA_LEVELS, values, strict=False):
+        yield name, value, f"{level:g}"
+
+
+def _of_status(zone: ZoneView, reports: Reports) -> Iterator[_Figure]:
+    status = zone.status()
+    named = [finding.finding for finding in status.diagnosis.findings]
+    for kind, count in status.faults.items():
+        yield "faults", count, kind
+    if status.last_sample_time is not None:
+        yield "last_sample_age_seconds", clock(status) - status.last_sample_time
+    yield "overruns", status.overruns
+    if status.delay is not None:
+        yield "forecast_delay_seconds", status.delay
+    for name in FINDINGS:
+        yield "findings", named.count(name), name
+    for one in zone.trust().horizons:
+        for level in TRUST_LEVELS:
+            yield "trust", float(one.level == level), format_duration(one.lead), level
+    for name in STATES:
+        yield "zone_state", float(status.state == name), name
 
 
 class _MeasureCollector(Collector):
@@ -220,54 +203,33 @@ class _MeasureCollector(Collector):
         return (family(self._measure._replace(read=tuple)),)
 
 
-class _StatusCollector(Collector):
-    """What the zones' statuses say at the moment of the scrape."""
+class _OfZones(Collector):
+    """Figures of all zones, as they are at the moment of the scrape."""
 
-    def __init__(self, zones: Mapping[str, ZoneView]) -> None:
-        self._zones = zones
+    def __init__(
+        self,
+        described: Mapping[str, Sequence[str]],
+        read: Callable[[ZoneView, Reports], Iterable[_Figure]],
+        zones: Mapping[str, ZoneView],
+        reports: Mapping[str, Reports],
+    ) -> None:
+        self._described, self._read, self._zones, self._reports = described, read, zones, reports
 
     def collect(self) -> Iterable[Metric]:
-        faults = CounterMetricFamily("thermogate_faults", "Bad readings by kind", labels=["zone", "kind"])
-        age = GaugeMetricFamily(
-            "thermogate_last_sample_age_seconds", "Age of the last sample on the zone's clock", labels=["zone"]
-        )
-        state = GaugeMetricFamily(
-            "thermogate_zone_state", "1 for the state that the zone is in", labels=["zone", "state"]
-        )
-        overruns = CounterMetricFamily(
-            "thermogate_overruns", "Forecasts that were published after the next sample was due", labels=["zone"]
-        )
-        delay = GaugeMetricFamily(
-            "thermogate_forecast_delay_seconds",
-            "How long after its sample the newest forecast was published",
-            labels=["zone"],
-        )
-        trust = GaugeMetricFamily(
-            "thermogate_trust", "1 for the trust in the forecasts of a horizon", labels=["zone", "lead", "trust"]
-        )
-        findings = GaugeMetricFamily(
-            "thermogate_findings", "Findings about the zone's model by name", labels=["zone", "finding"]
-        )
-        for zone in tuple(self._zones.values()):
-            status = zone.status()
-            named = [finding.finding for finding in status.diagnosis.findings]
-            for name in FINDINGS:
-                findings.add_metric([zone.id, name], named.count(name))
-            for kind, count in status.faults.items():
-                faults.add_metric([zone.id, kind], count)
-            if status.last_sample_time is not None:
-                age.add_metric([zone.id], clock(status) - status.last_sample_time)
-            overruns.add_metric([zone.id], status.overruns)
-            if status.delay is not None:
-                delay.add_metric([zone.id], status.delay)
-            for one in zone.trust().horizons:
-                for level in TRUST_LEVELS:
-                    labels = [zone.id, format_duration(one.lead), level]
-                    trust.add_metric(labels, float(one.level == level))
-            for name in STATES:
-                state.add_metric([zone.id, name], float(status.state == name))
-        return (faults, age, state, overruns, delay, findings, trust)
+        families = self._families()
+        for name, zone in tuple(self._zones.items()):
+            for metric, value, *labels in self._read(zone, self._reports.get(name, NO_REPORTS)):
+                families[metric].add_metric((name, *labels), value)
+        return families.values()
 
     def describe(self) -> Iterable[Metric]:
-        """Nothing: asking the zones is for scrapes, not for registration."""
-        return ()
+        """The families alone: asking the zones is for scrapes, not for registration."""
+        return self._families().values()
+
+    def _families(self) -> dict[str, GaugeMetricFamily | CounterMetricFamily]:
+        return {
+            name: (CounterMetricFamily if name in _COUNTERS else GaugeMetricFamily)(
+                f"thermogate_{name}", text, labels=("zone", *labels)
+            )
+            for name, (text, *labels) in self._described.items()
+        }

@@ -24,10 +24,9 @@ def at(name: str, **labels: str) -> tuple[str, frozenset[tuple[str, str]]]:
 
 
 def test_what_is_not_known_is_not_shown() -> None:
-    metrics = Metrics({"living": running("living")})
-    unknown = make_update(0)._replace(disturbance=Disturbance((math.nan,) * 3, 0.0, ()))
-    metrics.publish(announced("living", unknown, running("living").status()))
-    assert not any("watts" in name for name, _ in scrape(metrics))
+    zone = running("living")
+    zone.updates.append(make_update(0)._replace(disturbance=Disturbance((math.nan,) * 3, 0.0, ())))
+    assert not any("watts" in name for name, _ in scrape(Metrics({"living": zone})))
 
 
 def test_status_is_read_at_scrape_time() -> None:
