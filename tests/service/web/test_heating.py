@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
 from fastapi import FastAPI
 from support.http_client import get, post, problem
+from support.refused import assert_refused, refusals
 from support.site_of_rooms import Room, site_of
 from support.thermostat_house import recorded
 
@@ -112,45 +114,9 @@ def test_the_demand_of_a_site_adds_up_the_zones_that_can_say(app: FastAPI) -> No
     assert one == rows["twin"]
 
 
-@pytest.mark.parametrize(
-    ("query", "sentence"),
-    [
-        ("target=21&by=1970-01-02T12:00:00Z", "which is over"),
-        ("target=21&by=2026-01-01T00:00:00Z", "as far as is forecast"),
-        ("target=21&by=1970-01-03T06:30:00", "no time zone"),
-        ("target=21&by=soon", "is no time; write it as 06:30"),
-        ("target=210&by=06:30", "target"),
-        ("target=21&by=06:30&probability=1", "probability"),
-        ("by=06:30", "target"),
-        ("target=21&by=06:30&until=7", "until"),
-    ],
-)
-def test_a_wrong_preheat_is_refused_in_a_sentence(app: FastAPI, query: str, sentence: str) -> None:
-    assert sentence in str(problem(get(app, f"/zones/house/preheat?{query}"), 422)["errors"])
-
-
-@pytest.mark.parametrize(
-    ("path", "body", "sentence"),
-    [
-        ("demand", {"horizon": "3h", "T_set": 210}, "plans 210 degC; 5 to 35 degC can be planned"),
-        ("demand", {"horizon": "3h", "T_set": [20, 20]}, "has 2 values"),
-        ("demand", {"horizon": "7min"}, "whole number"),
-        ("what-if", {"horizon": "3h", "plans": [{"name": "one", "T_set": 20}]}, "plans"),
-        (
-            "what-if",
-            {"horizon": "3h", "plans": [{"name": "a", "T_set": 20}, {"name": "b", "T_set": 2}]},
-            "plans[1].T_set",
-        ),
-    ],
-)
-def test_a_wrong_plan_is_refused_in_a_sentence(app: FastAPI, path: str, body: object, sentence: str) -> None:
-    assert sentence in str(problem(post(app, f"/zones/house/{path}", body), 422)["errors"])
-
-
-def test_a_zone_that_cannot_say_is_a_conflict_and_one_without_a_forecast_unavailable(app: FastAPI) -> None:
-    assert "give the zone a" in problem(get(app, "/zones/untold/preheat?target=21&by=06:30"), 409)["detail"]
-    assert "no forecast now" in problem(post(app, "/zones/new/demand", {"horizon": "3h"}), 503)["detail"]
-    problem(get(app, "/zones/attic/preheat?target=21&by=06:30"), 404)
+@refusals("heating")
+def test_what_cannot_be_answered_is_refused_in_a_sentence(app: FastAPI, row: dict[str, Any]) -> None:
+    assert_refused(app, row)
 
 
 def test_a_zone_that_is_not_trusted_refuses(
