@@ -22,6 +22,6 @@ def asked_by(asker: Asker) -> None:
     _ASKER.set(asker)
 
 
-def current_asker() -> Asker | None:
-    """On whose behalf this task works; None for the daemon's own."""
-    return _ASKER.get()
+def current_asker() -> Asker:
+    """On whose behalf this task works; somebody without a name, who never goes, for the daemon's own."""
+    return _ASKER.get() or Asker()

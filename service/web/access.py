@@ -10,7 +10,7 @@ import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from http import HTTPStatus
-from typing import Annotated, Self
+from typing import Annotated
 
 from fastapi import Depends, Request
 from starlette.datastructures import Headers
@@ -18,7 +18,7 @@ from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 
 from service.errors import KeyFileError
-from service.records.asker import Asker, asked_by, current_asker
+from service.records.asker import asked_by, current_asker
 from service.records.view import ZoneView
 from service.web.keys import Key, KeyRing, Scope
 from service.web.limits import FailedAttempts
@@ -58,11 +58,6 @@ class Caller:
     scope: Scope = "read"
     zones: frozenset[str] | None = None
     key: Key | None = field(default=None, repr=False)
-
-    @classmethod
-    def with_key(cls, key: Key) -> Self:
-        """Whoever has sent `key`."""
-        return cls(key.name, key.scope, None if key.zones is None else frozenset(key.zones), key)
 
     def may(self, scope: Scope) -> bool:
         """Whether the caller's key is for `scope`. A key for writing does not read: a logger has no need to."""
@@ -146,7 +141,7 @@ class RequireKey:
             connection.setdefault("state", {}).update(
                 caller=caller, client=client, reader=lambda: self._may_read(connection)
             )
-            asker = current_asker() or Asker()
+            asker = current_asker()
             asker.name = client
             asked_by(asker)
             if caller.key is not None:
@@ -209,7 +204,7 @@ class RequireKey:
         except KeyFileError as error:
             raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [str(error)], retry_after=KEYS_RETRY_SECONDS) from None
         if key is not None:
-            return Caller.with_key(key)
+            return Caller(key.name, key.scope, None if key.zones is None else frozenset(key.zones), key)
         # Right keys are never held: nobody behind the same proxy can lock the others out, and 256 random bits are not
         # found by trying, at whatever rate. What is bounded is the noise.
         wait = self._attempts.count(peer_of(connection))

@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from fastapi.concurrency import run_in_threadpool
 
 from service.errors import ServiceError
-from service.records.asker import Asker, current_asker
+from service.records.asker import current_asker
 from service.records.history import History, HistoryRow
 from service.records.record import document, to_json, with_items
 from service.records.view import ZoneView
@@ -22,7 +22,7 @@ PAGE = 1000
 async def written(site: str, zone: ZoneView, start: int | None, end: int | None, limit: int, limiter: Limiter) -> bytes:
     """A History as JSON, of the newest `limit` rows with `start` <= time < `end` (UTC s, None: open); a long one in
     turn. Raises ServiceError where the journal fails, or the client has gone meanwhile."""
-    asker, pages = current_asker() or Asker(), list[bytes]()
+    asker, pages = current_asker(), list[bytes]()
     async with limiter.turn(LARGE) if limit > PAGE else nullcontext():
         while limit > 0:
             if asker.gone.is_set():

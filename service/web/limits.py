@@ -16,7 +16,7 @@ from fastapi import Request
 
 from service.config.http import LimitsConfig
 from service.pauses import Seldom
-from service.records.asker import Asker, current_asker
+from service.records.asker import current_asker
 from service.web.server.refusal import RequestRefused
 
 
@@ -72,8 +72,7 @@ class Limiter:
     async def turn(self, kind: str) -> AsyncIterator[None]:
         """The time in which work of one kind is done for the client of this task. RequestRefused: 429 if the client has
         too much of it or has waited too long, 503 if there is too much of it in all."""
-        client = (current_asker() or Asker()).name
-        async with self._queues[kind].turn(client):
+        async with self._queues[kind].turn(current_asker().name):
             yield
 
 

@@ -14,7 +14,7 @@ from concurrent.futures import Executor
 from typing import TypeVar
 
 from service.errors import ServiceError, TooManyQuestions
-from service.records.asker import Asker, current_asker
+from service.records.asker import current_asker
 
 THREADS = 3
 """How many are answered at a time."""
@@ -44,7 +44,7 @@ class Questions:
     async def ask(self, question: Callable[[Callable[[], bool]], Answer]) -> Answer:
         """What `question` returns; it is given a function that says whether nobody waits for the answer any more, and
         raises ServiceError then. TooManyQuestions if the client has too many open, or all clients together."""
-        asker = current_asker() or Asker()
+        asker = current_asker()
         self._admit(asker.name)
         turn = self._turns.setdefault(asker.name, asyncio.Semaphore(THREADS_OF_ONE))
 

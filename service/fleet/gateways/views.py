@@ -11,7 +11,7 @@ from service.config.site import ZoneConfig
 from service.errors import ServiceError
 from service.fleet.messages import News, ZoneNews
 from service.fleet.peers import Peer
-from service.records.asker import Asker, current_asker
+from service.records.asker import current_asker
 from service.records.history import HistoryRow
 from service.records.outlook import Surroundings
 from service.records.series import Series
@@ -108,7 +108,7 @@ class RemoteZone:
         return series
 
     async def _ask(self, method: str, *arguments: Any) -> Any:
-        asker = current_asker() or Asker()
+        asker = current_asker()
         question = (asker.name, self.id, method, arguments)
         asked = asyncio.ensure_future(self.shard.peer.ask("question", *question, timeout=ANSWER_SECONDS, give_up=True))
         try:
