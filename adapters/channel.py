@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import inf
+from pkgutil import resolve_name
 from typing import Any, ClassVar, NamedTuple, Self
 
 from pydantic import BaseModel, Field
@@ -70,6 +71,21 @@ class ChannelConfig(BaseModel):
         """The unit that a device may state of the raw value; None where `scale` and `offset` make it another one."""
         return self.unit if (self.scale, self.offset) == (1.0, 0.0) else None
 
+    def edge(self, unit: str, rollover: float | None = None, usual: tuple[float, float] = (-inf, inf)) -> Edge:
+        """How raw values become values in the network's `unit`, which `usual`ly lie in a range; a counter that does not
+        say otherwise starts again at `rollover`."""
+        energy = self.unit in ENERGIES and self.unit != unit
+        amounts = energy and self.aggregate == "energy"
+        return Edge(
+            self.scale,
+            self.offset,
+            conversion(self.unit, unit, self.nominal),
+            (-inf, inf) if amounts else self.valid or default_valid_range(unit),
+            counter=energy and not amounts,
+            rollover=self.rollover or rollover,
+            usual=usual,
+        )
+
     def within(self, table: Any) -> Self:
         """This channel with what it takes over from `table`, its source: every key of both that it does not have.
         ValueError with one sentence if it then cannot be read."""
@@ -103,7 +119,8 @@ class Binding(NamedTuple):
 
     def edge(self, rollover: float | None = None) -> Edge:
         """How raw values become values of the channel."""
-        return edge_of(self.channel, self.unit, rollover, self.usual)
+        edge: Edge = self.channel.edge(self.unit, rollover, self.usual)
+        return edge
 
     def reads_like(self, other: Binding) -> bool:
         """Whether a source delivers the same readings to both; the rest of their tables is of no concern to it."""
@@ -118,7 +135,8 @@ class SourceConfig(BaseModel):
     """[sources.<name>]: the table of a source. A kind of source is a subclass of it, listed in `adapters.kinds`.
 
     A `live` source tells what is now, a recorded one what was. `example` is how a channel, in a table of the model
-    `channel`, says where its value is found.
+    `channel`, says where its value is found. `source` is the class of the source, as module:class, which is imported
+    when one is built.
     """
 
     model_config = TABLE
@@ -126,6 +144,7 @@ class SourceConfig(BaseModel):
     live: ClassVar[bool]
     channel: ClassVar[type[ChannelConfig]]
     example: ClassVar[str]
+    source: ClassVar[str]
 
     kind: str
 
@@ -136,7 +155,8 @@ class SourceConfig(BaseModel):
 
     def build(self, name: str, bindings: Sequence[Binding]) -> Source:
         """The source called `name`, delivering to `bindings`."""
-        raise NotImplementedError
+        built: Source = resolve_name(self.source)(name, self, bindings)
+        return built
 
 
 class RecordedConfig(SourceConfig):
@@ -158,24 +178,3 @@ class LiveConfig(SourceConfig):
     live: ClassVar[bool] = True
 
     stuck_after: PositiveDuration | None = None
-
-
-def edge_of(
-    channel: ChannelConfig,
-    unit: str,
-    rollover: float | None = None,
-    usual: tuple[float, float] = (-inf, inf),
-) -> Edge:
-    """How raw values of `channel` become values in the network's `unit`, which `usual`ly lie in a range; a counter that
-    does not say otherwise starts again at `rollover`."""
-    energy = channel.unit in ENERGIES and channel.unit != unit
-    amounts = energy and channel.aggregate == "energy"
-    return Edge(
-        channel.scale,
-        channel.offset,
-        conversion(channel.unit, unit, channel.nominal),
-        (-inf, inf) if amounts else channel.valid or default_valid_range(unit),
-        counter=energy and not amounts,
-        rollover=channel.rollover or rollover,
-        usual=usual,
-    )

@@ -117,42 +117,31 @@ class Converter:
         return Reading(self.channel, time, value, quality) if fault is None else self.bad(time, fault)
 
 
-class StuckWatch:
-    """Watches the raw value of one channel: one that has not changed for `after` s is uncertain, for twice as long bad.
+class LiveConverter(Converter):
+    """A converter of live telemetry, which does not believe a raw value that has not changed for long: after
+    `stuck_after` s it is uncertain, after twice as long bad.
 
     A sensor that works shows its own noise in the last digit; one whose raw value stays the same to the bit for hours
     has frozen, or its bus has.
     """
 
-    def __init__(self, after: float | None) -> None:
-        """`after` None: nothing is ever stuck."""
-        self._after = after
-        self._since: float | None = None
-        self._raw: Hashable = None
-
-    def quality(self, time: float, raw: Hashable) -> Quality:
-        """How far `raw`, seen at `time` (s on a clock that is never set), can be believed."""
-        if self._since is None or raw != self._raw:
-            self._since, self._raw = time, raw
-        if self._after is None or time - self._since < self._after:
-            return Quality.GOOD
-        return Quality.UNCERTAIN if time - self._since < 2 * self._after else Quality.BAD
-
-
-class LiveConverter(Converter):
-    """A converter of live telemetry, which it does not believe where the sensor is stuck."""
-
     def __init__(self, channel: str, edge: Edge, longest_stretch: float, stuck_after: float | None) -> None:
-        """`longest_stretch`: no power is made of counts that lie further apart, in s. `stuck_after`: as of a
-        StuckWatch."""
+        """`longest_stretch`: no power is made of counts that lie further apart, in s. `stuck_after` None: nothing is
+        ever stuck."""
         super().__init__(channel, edge, dated_at_start=False, longest_stretch=longest_stretch)
-        self._stuck = StuckWatch(stuck_after)
+        self._stuck_after = inf if stuck_after is None else stuck_after
+        self._since = -inf
+        self._sent: Hashable = None
+        """When the raw value changed last (on a clock that is never set), and what it is."""
 
     def reading(
         self, time: float, raw: float, quality: Quality = Quality.GOOD, sent: Hashable = None
     ) -> Reading | None:
         """The reading that `raw` brings, of which `sent` is what was sent; None for the first one of a counter."""
-        moving = self._stuck.quality(monotonic(), raw if sent is None else sent)
-        if moving is Quality.BAD:
+        now, sent = monotonic(), raw if sent is None else sent
+        if self._since == -inf or sent != self._sent:
+            self._since, self._sent = now, sent
+        if now - self._since >= 2 * self._stuck_after:
             return self.bad(time, Fault.STUCK)
-        return super().reading(time, raw, Quality.UNCERTAIN if Quality.UNCERTAIN in (moving, quality) else quality)
+        stuck = now - self._since >= self._stuck_after
+        return super().reading(time, raw, Quality.UNCERTAIN if stuck else quality)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adapters.channel import ChannelConfig, edge_of
+from adapters.channel import ChannelConfig
 from adapters.edge import Converter, Edge
 from adapters.errors import SourceError
 from adapters.fields.durations import DAY, format_duration
@@ -56,7 +56,7 @@ class Column(NamedTuple):
     @property
     def edge(self) -> Edge:
         """From the column's unit to the network's."""
-        return edge_of(self.channel, self.unit)
+        return self.channel.edge(self.unit)
 
 
 class Part(NamedTuple):

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import ipaddress
 import re
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from adapters.bacnet.objects import LARGEST_INSTANCE, parse_object
-from adapters.channel import Binding, LiveConfig, WatchedChannelConfig
+from adapters.channel import LiveConfig, WatchedChannelConfig
 from adapters.fields.durations import format_duration
 from adapters.fields.values import Flag, Port, PositiveDuration, Retries, Timeout, whole
 from adapters.fields.words import shown
-
-if TYPE_CHECKING:
-    from adapters.bacnet.source import BacnetSource
 
 PORT = 47808
 
@@ -116,6 +112,7 @@ class BacnetConfig(LiveConfig):
 
     channel: ClassVar = BacnetChannelConfig
     example: ClassVar = 'device = 1201, object = "analog-input,3"'
+    source: ClassVar = "adapters.bacnet.source:BacnetSource"
 
     kind: Literal["bacnet"] = "bacnet"
     interface: Interface = Field(
@@ -149,9 +146,3 @@ class BacnetConfig(LiveConfig):
     def broadcasts(self) -> bool:
         """Whether devices can be asked for by their numbers alone."""
         return self.bbmd is not None or ("/" in self.interface and not self.interface.endswith("/32"))
-
-    def build(self, name: str, bindings: Sequence[Binding]) -> BacnetSource:
-        """The source called `name`."""
-        from adapters.bacnet.source import BacnetSource
-
-        return BacnetSource(name, self, bindings)

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 from zoneinfo import ZoneInfo
 
 from pydantic import BaseModel, BeforeValidator, Field, model_validator
 
-from adapters.channel import Binding, ChannelConfig, RecordedConfig
+from adapters.channel import ChannelConfig, RecordedConfig
 from adapters.fields.tables import TABLE
 from adapters.fields.values import Column, Delimiter, Encoding, FilePath, TimestampFormat, TimeZone, choice
 from adapters.timestamps import Parser, timestamp_parser
-
-if TYPE_CHECKING:
-    from adapters.csv.source import CsvSource
 
 
 class TimestampConfig(BaseModel):
@@ -89,6 +85,7 @@ class CsvConfig(LayoutConfig, RecordedConfig):
 
     channel: ClassVar = CsvChannelConfig
     example: ClassVar = 'column = "..."'
+    source: ClassVar = "adapters.csv.source:CsvSource"
 
     kind: Literal["csv"] = "csv"
     files: tuple[FilePath, ...] = Field(
@@ -108,9 +105,3 @@ class CsvConfig(LayoutConfig, RecordedConfig):
         """What it reads, for the summary of a check."""
         count = len(self.files)
         return f"{count} file{'' if count == 1 else 's'} ({', '.join(PurePath(file).name for file in self.files)})"
-
-    def build(self, name: str, bindings: Sequence[Binding]) -> CsvSource:
-        """The source called `name`."""
-        from adapters.csv.source import CsvSource
-
-        return CsvSource(name, self, bindings)

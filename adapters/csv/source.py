@@ -17,7 +17,7 @@ from adapters.csv.growing import GrowingFile
 from adapters.csv.table import CsvChannel, Table, column_problems, read_header, read_table
 from adapters.edge import Converter
 from adapters.errors import SourceError, SourceUnavailable, said_of
-from adapters.pacing import Pacer
+from adapters.playback import RecordedSource
 from adapters.reading import Batch, Probe, Reading
 
 # About a millisecond of work between two turns of the event loop.
@@ -27,7 +27,7 @@ _LOOK_SECONDS = 0.2
 """Between two looks at a file that grows."""
 
 
-class CsvSource:
+class CsvSource(RecordedSource):
     """The CSV files of a table, one after the other, as fast as possible or at a pace.
 
     A last file that is followed has no end: what is appended to it is delivered as it comes.
@@ -45,10 +45,9 @@ class CsvSource:
     """
 
     def __init__(self, name: str, table: CsvConfig, bindings: Sequence[Binding]) -> None:
-        self.name = name
-        self._table, self._files, self._pace = table, table.files, table.multiple
+        super().__init__(name, table, bindings)
+        self._table, self._files = table, table.files
         self._channels = [CsvChannel(one.id, one.channel.source_columns, one.edge()) for one in bindings]
-        self._closed = False
 
     def check(self) -> list[str]:
         """One sentence for every file that cannot be read or lacks a column; reads headers only."""
@@ -64,21 +63,15 @@ class CsvSource:
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """Deliver the rows from UTC second `start` on. Raises SourceUnavailable if a file cannot be read."""
-        pacer = Pacer(self._pace)
-        converters = [Converter(channel.id, channel.edge) for channel in self._channels]
-        clock = -inf
+        converters = [Converter(*one) for one in self._edges]
+        clock, self._origin = -inf, None
         async for table in self._tables():
             first = 0 if start is None else int(np.searchsorted(table.order, start))
             for begin, end in self._groups(table, first):
                 clock = max(clock, float(table.order[end - 1]))
-                await pacer.wait(clock, lambda: self._closed)
-                if self._closed:
+                if not await self._due(clock):
                     return
                 yield Batch(self._readings(table, begin, end, converters), clock)
-
-    async def close(self) -> None:
-        """End the delivery, also while a file is being read; safe to call twice."""
-        self._closed = True
 
     async def _tables(self) -> AsyncIterator[Table]:
         """The files, and then, if the last one is followed, what is appended to it, until the source is closed."""

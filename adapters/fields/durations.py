@@ -3,33 +3,37 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
 from adapters.fields.numbers import number_in
 
 DAY = 86400.0
 _LONGEST = 36525 * DAY
 
-_SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": DAY}
-_PATTERN = re.compile(r"\s*(\d+(?:\.\d+)?(?:e[+-]?\d+)?)\s*(s|min|h|d)\s*", re.ASCII)
+_SECONDS = {"d": DAY, "h": 3600.0, "min": 60.0, "s": 1.0}
+_PATTERN = re.compile(r"\s*(\d+(?:\.\d+)?(?:e[+-]?\d+)?)\s*([A-Za-z]+)\s*", re.ASCII)
+
+
+def in_units(text: str, units: Mapping[str, float]) -> float | None:
+    """The amount that `text` is in one of `units`, as a multiple of what these count; None if it is none."""
+    match = _PATTERN.fullmatch(text)
+    return float(match[1]) * units[match[2]] if match and match[2] in units else None
+
+
+def as_written(value: object) -> str:
+    """`value` as it stands in the file."""
+    return f'"{value}"' if isinstance(value, str) else str(value).lower()
 
 
 def parse_duration(value: object) -> float:
     """Seconds in `value`; ValueError with one sentence when it is no duration, negative or beyond a century."""
-    if isinstance(value, str):
-        match = _PATTERN.fullmatch(value)
-        if match:
-            seconds = float(match[1]) * _SECONDS[match[2]]
-            if seconds <= _LONGEST:
-                return seconds
-    else:
-        number = number_in(value)
-        if number is not None and 0 <= number <= _LONGEST:
-            return number
-    shown = f'"{value}"' if isinstance(value, str) else str(value).lower()
-    raise ValueError(
-        f'{shown} is not a duration; write a number with s, min, h or d, such as "30s", "5min", "1h" or "7d", '
-        "or a number of seconds, up to a century"
-    )
+    seconds = in_units(value, _SECONDS) if isinstance(value, str) else number_in(value)
+    if seconds is None or not 0 <= seconds <= _LONGEST:
+        raise ValueError(
+            f'{as_written(value)} is not a duration; write a number with s, min, h or d, such as "30s", "5min", "1h" '
+            'or "7d", or a number of seconds, up to a century'
+        )
+    return seconds
 
 
 def format_duration(seconds: float) -> str:

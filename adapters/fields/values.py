@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 from zoneinfo import ZoneInfo, available_timezones
 
 from pydantic import AfterValidator, BeforeValidator, PlainSerializer, PlainValidator, ValidationInfo
@@ -21,11 +21,8 @@ from adapters.fields.words import shown
 from adapters.holidays import public_holidays
 from adapters.timestamps import timestamp_parser
 
-Checked = TypeVar("Checked")
-
 IDENTIFIER = r"[a-z0-9][a-z0-9_-]{0,63}"
 """What a site, source or zone id is made of, as a regular expression."""
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _ENDPOINT = re.compile(r"(?:tcp|tls|quic|udp|ws)/(?P<host>\[[0-9a-fA-F:.]+\]|[^\s:/?#\[\]]+):(?P<port>[0-9]{1,5})")
 _SENSIBLE_PERIODS = (1, 5, 10, 15, 20, 30, 60, 120, 180, 300, 360, 600, 900, 1200, 1800, 3600, 7200)
 
@@ -35,6 +32,19 @@ SMALLEST_JOURNAL = 16 * 10**6
 LARGEST_JOURNAL = 4 * 10**18
 
 LONGEST_TIMEOUT = 60.0
+
+
+def check(read: Callable[[Any], Any], sentence: str, shape: str = "") -> Callable[[object], Any]:
+    """What takes the values of which `read` makes something, and gives that; ValueError for one of which it makes None,
+    with a `sentence` that has the value at {}. `shape`: what it asks for, as the documentation shows it."""
+
+    def checked(value: object) -> Any:
+        if (found := read(value)) is None:
+            raise ValueError(sentence.format(shown(value)))
+        return found
+
+    checked.shape = shape  # type: ignore[attr-defined]
+    return checked
 
 
 def text(value: object) -> str:
@@ -48,67 +58,52 @@ def column(value: object) -> str:
     return "" if value == "" else text(value)
 
 
-def flag(value: object) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError(f"must be true or false, without quotes, not {shown(value)}")
-    return value
+def matching(pattern: str) -> Callable[[object], str | None]:
+    """What reads a text that has the form of `pattern`."""
+    form = re.compile(pattern)
+    return lambda value: value if isinstance(value, str) and form.fullmatch(value) else None
 
 
-def number(value: object) -> float:
-    found = number_in(value)
-    if found is None:
-        raise ValueError(f"must be a number, without quotes, not {shown(value)}")
-    return found
-
-
-def positive(value: object) -> float:
-    found = number(value)
-    if not found > 0:
-        raise ValueError(f"must be greater than 0, not {shown(value)}")
-    return found
-
-
-def non_zero(value: object) -> float:
-    found = number(value)
-    if found == 0:
-        raise ValueError("must not be 0, which would make every reading the same")
-    return found
-
-
-def _shaped(check: Callable[[object], Checked], shape: str) -> Callable[[object], Checked]:
-    """`check` with its `shape`, as the documentation shows what it asks for."""
-    check.shape = shape  # type: ignore[attr-defined]
-    return check
+flag = check(lambda value: value if isinstance(value, bool) else None, "must be true or false, without quotes, not {}")
+number = check(number_in, "must be a number, without quotes, not {}")
+positive = check(lambda value: found if (found := number(value)) > 0 else None, "must be greater than 0, not {}")
+non_zero = check(lambda value: number(value) or None, "must not be 0, which would make every reading the same")
+level = check(
+    lambda value: found if is_level(found := number(value)) else None,
+    "must lie between 0 and 1, such as 0.95, not {}",
+)
+positive_duration = check(lambda value: parse_duration(value) or None, "must be longer than 0, not {}")
+name = check(
+    matching("[A-Za-z][A-Za-z0-9_]{0,63}"),
+    "{} cannot be a name; use letters, digits and _, beginning with a letter, such as T_air",
+)
+delimiter = check(matching(r'[^"\r\n]'), 'must be one character, such as "," or ";" or "\\t", not {}')
 
 
 def number_between(lower: float, upper: float, unit: str) -> Callable[[object], float]:
-    def check(value: object) -> float:
-        found = number(value)
-        if not lower <= found <= upper:
-            raise ValueError(f"must be from {lower:g} to {upper:g} {unit}, not {shown(value)}")
-        return found
-
-    return _shaped(check, f"{lower:g} to {upper:g} {unit}")
+    within = f"{lower:g} to {upper:g} {unit}"
+    return check(
+        lambda value: found if lower <= (found := number(value)) <= upper else None,
+        f"must be from {within}, not {{}}",
+        within,
+    )
 
 
 def whole(lower: int, upper: int) -> Callable[[object], int]:
-    def check(value: object) -> int:
-        found = whole_in(value, lower, upper)
-        if found is None:
-            raise ValueError(f"must be a whole number from {lower} to {upper}, not {shown(value)}")
-        return found
-
-    return _shaped(check, f"{lower} or {upper}" if upper == lower + 1 else f"{lower} to {upper}")
+    return check(
+        lambda value: whole_in(value, lower, upper),
+        f"must be a whole number from {lower} to {upper}, not {{}}",
+        f"{lower} or {upper}" if upper == lower + 1 else f"{lower} to {upper}",
+    )
 
 
 def choice(*allowed: str) -> Callable[[object], str]:
-    def check(value: object) -> str:
-        if value not in allowed:
-            *others, last = (shown(one) for one in allowed)
-            raise ValueError(f"must be {', '.join(others)} or {last}, not {shown(value)}")
-        return str(value)
-
-    return _shaped(check, ", ".join(f'`"{one}"`' for one in allowed))
+    *others, last = (shown(one) for one in allowed)
+    return check(
+        lambda value: value if value in allowed else None,
+        f"must be {', '.join(others)} or {last}, not {{}}",
+        ", ".join(f'`"{one}"`' for one in allowed),
+    )
 
 
 def identifier(value: object) -> str:
@@ -123,22 +118,6 @@ def identifier(value: object) -> str:
     return value
 
 
-def name(value: object) -> str:
-    """A node, channel or parameter of an inline network: it becomes a column, a metric label and a JSON key."""
-    if not isinstance(value, str) or not _NAME.fullmatch(value):
-        raise ValueError(
-            f"{shown(value)} cannot be a name; use letters, digits and _, beginning with a letter, such as T_air"
-        )
-    return value
-
-
-def positive_duration(value: object) -> float:
-    seconds = parse_duration(value)
-    if not seconds > 0:
-        raise ValueError(f"must be longer than 0, not {shown(value)}")
-    return seconds
-
-
 def bearable(seconds: float) -> float:
     """A time that something is waited for."""
     if seconds > LONGEST_TIMEOUT:
@@ -148,10 +127,9 @@ def bearable(seconds: float) -> float:
 
 def journal_size(value: object) -> int:
     size = parse_size(value)
-    if size > LARGEST_JOURNAL:
-        raise ValueError(f"must be at most {format_size(LARGEST_JOURNAL)}, not {shown(value)}")
-    if size < SMALLEST_JOURNAL:
-        raise ValueError(f"must be at least {format_size(SMALLEST_JOURNAL)}, not {shown(value)}")
+    if not SMALLEST_JOURNAL <= size <= LARGEST_JOURNAL:
+        bound, limit = ("most", LARGEST_JOURNAL) if size > LARGEST_JOURNAL else ("least", SMALLEST_JOURNAL)
+        raise ValueError(f"must be at {bound} {format_size(limit)}, not {shown(value)}")
     return size
 
 
@@ -164,13 +142,6 @@ def period(value: object) -> int:
         near = " or ".join(format_duration(sensible) for sensible in (*below, *above))
         raise ValueError(f"{shown(value)} does not divide a day into equal whole seconds; use for example {near}")
     return int(seconds)
-
-
-def level(value: object) -> float:
-    found = number(value)
-    if not is_level(found):
-        raise ValueError(f"must lie between 0 and 1, such as 0.95, not {shown(value)}")
-    return found
 
 
 def distinct(levels: tuple[float, ...]) -> tuple[float, ...]:
@@ -198,17 +169,13 @@ def pace(value: object) -> float:
 
 
 def is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        return False
+    return host == "localhost" or _is_ip(host, "is_loopback")
 
 
-def is_multicast(host: str) -> bool:
+def _is_ip(host: str, what: str) -> bool:
+    """Whether `host` is an IP address that `what` is true of."""
     try:
-        return ipaddress.ip_address(host.strip("[]")).is_multicast
+        return bool(getattr(ipaddress.ip_address(host.strip("[]")), what))
     except ValueError:
         return False
 
@@ -220,7 +187,7 @@ def endpoint(value: object) -> str:
             f"{shown(value)} is not an endpoint; write protocol/host:port with tcp, tls, quic, udp or ws, such as "
             '"tcp/127.0.0.1:7447"'
         )
-    if is_multicast(match["host"]):
+    if _is_ip(match["host"], "is_multicast"):
         # Zenoh's access control does not look at what comes in there.
         raise ValueError(f"{shown(value)} is a multicast address, where anybody could put anything; give a host's own")
     return str(value)
@@ -259,12 +226,6 @@ def timestamp_format(value: object) -> str:
     except SourceConfigError as error:
         raise ValueError(str(error)) from None
     return str(value)
-
-
-def delimiter(value: object) -> str:
-    if not isinstance(value, str) or len(value) != 1 or value in '"\r\n':
-        raise ValueError(f'must be one character, such as "," or ";" or "\\t", not {shown(value)}')
-    return value
 
 
 def encoding(value: object) -> str:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
-from adapters.channel import Binding, ChannelConfig, RecordedConfig
+from adapters.channel import ChannelConfig, RecordedConfig
 from adapters.fields.values import FilePath, Text, choice
 from adapters.home_assistant.database import Entity
-
-if TYPE_CHECKING:
-    from adapters.home_assistant.source import RecorderSource
 
 
 class HomeAssistantChannelConfig(ChannelConfig):
@@ -39,6 +35,7 @@ class HomeAssistantConfig(RecordedConfig):
 
     channel: ClassVar = HomeAssistantChannelConfig
     example: ClassVar = 'entity = "sensor...."'
+    source: ClassVar = "adapters.home_assistant.source:RecorderSource"
 
     kind: Literal["home-assistant"] = "home-assistant"
     file: FilePath = Field(description='the database, such as "home-assistant_v2.db"')
@@ -50,9 +47,3 @@ class HomeAssistantConfig(RecordedConfig):
     def described(self) -> str:
         """What it reads, for the summary of a check."""
         return f"the {self.data} in {self.file.name}"
-
-    def build(self, name: str, bindings: Sequence[Binding]) -> RecorderSource:
-        """The source called `name`."""
-        from adapters.home_assistant.source import RecorderSource
-
-        return RecorderSource(name, self, bindings)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, ClassVar, Literal, Self
+from collections.abc import Mapping
+from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from adapters.channel import Binding, LiveConfig, WatchedChannelConfig
+from adapters.channel import LiveConfig, WatchedChannelConfig
 from adapters.fields.values import Duration, PositiveDuration, Text
-
-if TYPE_CHECKING:
-    from adapters.http.source import HttpSource
 
 
 class HttpChannelConfig(WatchedChannelConfig):
@@ -43,6 +40,7 @@ class HttpSourceConfig(LiveConfig):
 
     channel: ClassVar = HttpChannelConfig
     example: ClassVar = 'name = "..."'
+    source: ClassVar = "adapters.http.source:HttpSource"
 
     kind: Literal["http"] = "http"
     max_ahead: Duration = Field(default=10.0, description="how far a time may be ahead of this machine's clock")
@@ -54,9 +52,3 @@ class HttpSourceConfig(LiveConfig):
     def described(self) -> str:
         """What it reads, for the summary of a check."""
         return "values posted to /readings and /zones/ZONE/readings, with an API key of the scope write"
-
-    def build(self, name: str, bindings: Sequence[Binding]) -> HttpSource:
-        """The source called `name`."""
-        from adapters.http.source import HttpSource
-
-        return HttpSource(name, self, bindings)

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, Field, model_validator
 
-from adapters.channel import Binding, LiveConfig, WatchedChannelConfig
+from adapters.channel import LiveConfig, WatchedChannelConfig
 from adapters.fields.durations import format_duration
 from adapters.fields.tables import TABLE
 from adapters.fields.values import Duration, Flag, Port, PositiveDuration, Retries, Text, Timeout, choice, number, whole
 from adapters.modbus.codec import ORDERS, TYPES, Format
 from adapters.modbus.plan import REGISTERS_AT_MOST, TABLES, Limits
-
-if TYPE_CHECKING:
-    from adapters.modbus.source import ModbusSource
 
 TRANSPORTS = ("tcp", "rtu-over-tcp", "rtu")
 
@@ -126,6 +122,7 @@ class ModbusConfig(LiveConfig):
 
     channel: ClassVar = ModbusChannelConfig
     example: ClassVar = 'register = 0, type = "float32"'
+    source: ClassVar = "adapters.modbus.source:ModbusSource"
 
     kind: Literal["modbus"] = "modbus"
     transport: Annotated[str, BeforeValidator(choice(*TRANSPORTS))] = Field(
@@ -179,9 +176,3 @@ class ModbusConfig(LiveConfig):
     def described(self) -> str:
         """What it reads, for the summary of a check."""
         return f"{self.transport} {self.place}, polled every {format_duration(self.poll)}"
-
-    def build(self, name: str, bindings: Sequence[Binding]) -> ModbusSource:
-        """The source called `name`."""
-        from adapters.modbus.source import ModbusSource
-
-        return ModbusSource(name, self, bindings)

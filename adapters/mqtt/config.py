@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
-from adapters.channel import Binding
 from adapters.fields.values import Duration, Text, choice, context, whole
 from adapters.messages.config import MessageChannelConfig, MessagesConfig, different
 from adapters.messages.dating import Dating
 from adapters.mqtt.broker import BrokerConfig, Topic
-
-if TYPE_CHECKING:
-    from adapters.mqtt.source import MqttSource
 
 TIMES = ("payload", "arrival")
 """Where the time of a reading can come from."""
@@ -36,6 +31,7 @@ class MqttSourceConfig(BrokerConfig, MessagesConfig):
 
     channel: ClassVar = MqttChannelConfig
     example: ClassVar = 'topic = "..."'
+    source: ClassVar = "adapters.mqtt.source:MqttSource"
 
     kind: Literal["mqtt"] = "mqtt"
     host: Text = Field(description='the broker, such as "homeassistant.local" or "192.168.1.10"')
@@ -62,12 +58,6 @@ class MqttSourceConfig(BrokerConfig, MessagesConfig):
     def described(self) -> str:
         """What it reads, for the summary of a check."""
         return f"{self.place}, MQTT {self.version}"
-
-    def build(self, name: str, bindings: Sequence[Binding]) -> MqttSource:
-        """The source called `name`."""
-        from adapters.mqtt.source import MqttSource
-
-        return MqttSource(name, self, bindings)
 
     @property
     def dating(self) -> Dating:

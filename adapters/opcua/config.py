@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 from urllib.parse import urlsplit
 
 from pydantic import BaseModel, BeforeValidator, Field
 
-from adapters.channel import Binding, ChannelConfig, LiveConfig, WatchedChannelConfig
+from adapters.channel import ChannelConfig, LiveConfig, WatchedChannelConfig
 from adapters.errors import SourceConfigError
 from adapters.fields.durations import format_duration
 from adapters.fields.logins import LoginConfig
@@ -21,9 +21,6 @@ from adapters.fields.words import shown
 from adapters.opcua.identity import identity
 from adapters.series.config import HistoryConfig
 from adapters.series.database import Database
-
-if TYPE_CHECKING:
-    from adapters.opcua.source import OpcuaSource
 
 PORT = 4840
 POLICIES = ("Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss")
@@ -116,6 +113,7 @@ class OpcuaConfig(ServerConfig, LiveConfig):
 
     channel: ClassVar = OpcuaChannelConfig
     example: ClassVar = 'node = "ns=2;s=..."'
+    source: ClassVar = "adapters.opcua.source:OpcuaSource"
 
     kind: Literal["opcua"] = "opcua"
     poll: PositiveDuration = Field(default=10.0, description="time between two readings of a channel")
@@ -125,12 +123,6 @@ class OpcuaConfig(ServerConfig, LiveConfig):
     def described(self) -> str:
         """What it reads, for the summary of a check."""
         return f"{self.url}, polled every {format_duration(self.poll)}"
-
-    def build(self, name: str, bindings: Sequence[Binding]) -> OpcuaSource:
-        """The source called `name`."""
-        from adapters.opcua.source import OpcuaSource
-
-        return OpcuaSource(name, self, bindings)
 
 
 class OpcuaHistoryChannelConfig(ChannelConfig):

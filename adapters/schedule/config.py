@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from collections.abc import Callable, Mapping
+from typing import Annotated, ClassVar, Literal, Self
 from zoneinfo import ZoneInfo
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, model_validator
 
-from adapters.channel import Binding, ChannelConfig, SourceConfig, edge_of
+from adapters.channel import ChannelConfig, SourceConfig
 from adapters.fields.tables import TABLE
 from adapters.fields.values import Country, Number, Text, TimeZone
 from adapters.fields.words import listed, shown
 from adapters.holidays import public_holidays
 from adapters.schedule.week import HOLIDAY, WEEKDAYS, Week
 from adapters.timestamps import Array
-
-if TYPE_CHECKING:
-    from adapters.schedule.source import ScheduleSource
 
 _CLOCK = re.compile(r"([01]\d|2[0-3]):([0-5]\d)")
 
@@ -88,7 +85,7 @@ class ScheduleChannelConfig(ChannelConfig):
     @property
     def foreknown(self) -> Callable[[Array], Array]:
         """Its values at times (h,) [UTC s]."""
-        week, edge = self.week, edge_of(self, "degC")
+        week, edge = self.week, self.edge("degC")
         return lambda times: np.array([edge.value(value) for value in week.values(times).tolist()])
 
 
@@ -98,6 +95,7 @@ class ScheduleConfig(SourceConfig):
     live: ClassVar = True
     channel: ClassVar = ScheduleChannelConfig
     example: ClassVar = 'unit = "degC"'
+    source: ClassVar = "adapters.schedule.source:ScheduleSource"
 
     kind: Literal["schedule"] = "schedule"
     time_zone: TimeZone = Field(description='the time zone of the times, such as "Europe/Berlin"')
@@ -116,12 +114,6 @@ class ScheduleConfig(SourceConfig):
     def described(self) -> str:
         """What it reads, for the summary of a check."""
         return f"a weekly schedule in {self.time_zone}"
-
-    def build(self, name: str, bindings: Sequence[Binding]) -> ScheduleSource:
-        """The source called `name`."""
-        from adapters.schedule.source import ScheduleSource
-
-        return ScheduleSource(name, bindings)
 
 
 def _hours(clock: str) -> float:

@@ -17,7 +17,7 @@ EVERY = 60.0
 class ScheduleSource:
     """Channels that follow weeks. There is nothing to connect to."""
 
-    def __init__(self, name: str, bindings: Sequence[Binding]) -> None:
+    def __init__(self, name: str, table: object, bindings: Sequence[Binding]) -> None:
         self.name = name
         self._closed = asyncio.Event()
         self.rebind(bindings)

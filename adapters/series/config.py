@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, PlainSerializer
 
-from adapters.channel import Binding, ChannelConfig, RecordedConfig
+from adapters.channel import ChannelConfig, RecordedConfig
 from adapters.fields.addresses import web_address
 from adapters.fields.logins import LoginConfig
 from adapters.fields.times import ZoneMissing, parse_time, written_time
 from adapters.fields.values import PositiveDuration, Text, text
 from adapters.series.database import Database, InfluxDB, Prometheus, Server, parts
-
-if TYPE_CHECKING:
-    from adapters.series.source import SeriesSource
 
 
 def moment(value: object) -> float:
@@ -45,6 +41,8 @@ class SeriesChannelConfig(ChannelConfig):
 class HistoryConfig(RecordedConfig):
     """What the table of every database has that is asked for a stretch of time."""
 
+    source: ClassVar = "adapters.series.source:SeriesSource"
+
     begin: Moment = Field(description='the first time to read, such as "2026-01-01T00:00:00Z"')
     end: Moment | None = Field(default=None, description="time to stop before; none: now")
     step: PositiveDuration = Field(default=60.0, description="time from one reading to the next")
@@ -53,12 +51,6 @@ class HistoryConfig(RecordedConfig):
     def asked(self) -> Database:
         """The database."""
         raise NotImplementedError
-
-    def build(self, name: str, bindings: Sequence[Binding]) -> SeriesSource:
-        """The source called `name`."""
-        from adapters.series.source import SeriesSource
-
-        return SeriesSource(name, self, bindings)
 
 
 class SeriesConfig(LoginConfig, HistoryConfig):

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from adapters.channel import Binding
 from adapters.fields.values import Duration, Text, choice
 from adapters.messages.config import MessageChannelConfig, MessagesConfig, different
 from adapters.messages.dating import TIMES, Dating
 from adapters.zenoh.access import ANYBODY, collecting
 from adapters.zenoh.connection import Mode, SessionConfig
-
-if TYPE_CHECKING:
-    from adapters.zenoh.source import ZenohSource
 
 
 class ZenohChannelConfig(MessageChannelConfig):
@@ -34,6 +29,7 @@ class ZenohSourceConfig(SessionConfig, MessagesConfig):
 
     channel: ClassVar = ZenohChannelConfig
     example: ClassVar = 'key = "..."'
+    source: ClassVar = "adapters.zenoh.source:ZenohSource"
 
     kind: Literal["zenoh"] = "zenoh"
     mode: Mode = Field(default="client", description="role of the session")
@@ -96,9 +92,3 @@ class ZenohSourceConfig(SessionConfig, MessagesConfig):
         listening = f"listening on {', '.join(self.listen)}" if self.listen else ""
         connecting = f"connecting to {', '.join(self.connect)}" if self.connect else ""
         return f"{self.mode} {' and '.join(filter(None, (connecting, listening)))}"
-
-    def build(self, name: str, bindings: Sequence[Binding]) -> ZenohSource:
-        """The source called `name`."""
-        from adapters.zenoh.source import ZenohSource
-
-        return ZenohSource(name, self, bindings)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from adapters.edge import Converter, Edge, StuckWatch
+from adapters.edge import Converter, Edge, LiveConverter
 from adapters.reading import Fault, Quality
 from adapters.units import conversion
 
@@ -98,14 +98,15 @@ def test_a_counter_that_is_no_number_leaves_the_last_stand():
     assert (reading.time, reading.value) == (0.0, 3000.0)
 
 
-def test_a_value_that_does_not_move_is_doubted_and_then_refused():
-    watch = StuckWatch(100.0)
+@pytest.mark.parametrize(
+    ("stuck_after", "expected"),
+    [(100.0, ["good", "good", "uncertain", "uncertain", "bad", "good", "good", "uncertain"]), (None, ["good"] * 8)],
+)
+def test_a_value_that_does_not_move_is_doubted_and_then_refused(stuck_after, expected, monkeypatch):
+    converter = LiveConverter("z/T", Edge(), math.inf, stuck_after)
     seen = [(0, 5), (99, 5), (100, 5), (199, 5), (200, 5), (201, 6), (300, 6), (301, 6)]
-    qualities = [watch.quality(time, raw) for time, raw in seen]
-    good, uncertain, bad = Quality.GOOD, Quality.UNCERTAIN, Quality.BAD
-    assert qualities == [good, good, uncertain, uncertain, bad, good, good, uncertain]
-
-
-def test_nothing_is_stuck_where_nobody_asked():
-    watch = StuckWatch(None)
-    assert {watch.quality(time, 5) for time in (0.0, 1e9)} == {Quality.GOOD}
+    found = []
+    for time, raw in seen:
+        monkeypatch.setattr("adapters.edge.monotonic", lambda time=time: time)
+        found.append(converter.reading(time, raw).quality)
+    assert found == expected

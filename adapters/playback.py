@@ -1,0 +1,63 @@
+"""What every recorded source does: it plays a stretch of time at its pace, until it is closed."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from math import isfinite
+
+from adapters.channel import Binding, RecordedConfig
+from adapters.reading import Batch, Reading
+
+_LONGEST_SLEEP = 0.5
+"""How long a paced source may sleep without looking whether it was closed, in s."""
+
+
+class RecordedSource:
+    """A recording, as fast as possible or at a pace, a multiple of real time."""
+
+    def __init__(self, name: str, table: RecordedConfig, bindings: Sequence[Binding]) -> None:
+        self.name = name
+        self._pace, self._closed = table.multiple, False
+        self._edges = [(one.id, one.edge()) for one in bindings]
+        """Of each channel its id and its edge."""
+        self._origin: tuple[float, float] | None = None
+        """The time of the loop and of the recording at which it began to play."""
+
+    def check(self) -> list[str]:
+        """What is wrong with it, one sentence each, as far as that can be told without connecting to anything."""
+        return []
+
+    async def close(self) -> None:
+        """End the delivery; safe to call twice."""
+        self._closed = True
+
+    async def _played(
+        self, begin: float, last: float, window: float, read: Callable[[float, float], Awaitable[list[Reading]]]
+    ) -> AsyncIterator[Batch]:
+        """What `read` gives for one `window` (s) from `begin` on to `last` (UTC s) after the other, when it is due."""
+        self._origin = None
+        while begin < last and not self._closed:
+            end = min(begin + window, last)
+            readings = await read(begin, end)
+            if not await self._due(end):
+                return
+            yield Batch(sorted(readings, key=lambda reading: reading.time), end)
+            begin = end
+
+    async def _due(self, time: float) -> bool:
+        """Wait until `time` (UTC s) of the recording is due, counted from the first so that sleeping adds no drift;
+        whether the source is still open then. The event loop gets its turn."""
+        await asyncio.sleep(0)
+        while not self._closed and (delay := self._delay(time)) > 0:
+            await asyncio.sleep(min(delay, _LONGEST_SLEEP))
+        return not self._closed
+
+    def _delay(self, time: float) -> float:
+        """Seconds until `time` is due; 0 or less if it is already."""
+        if self._pace is None or not isfinite(time):
+            return 0.0
+        real = asyncio.get_running_loop().time()
+        if self._origin is None:
+            self._origin = (real, time)
+        return self._origin[0] + (time - self._origin[1]) / self._pace - real
