@@ -20,7 +20,7 @@ import zipfile
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -161,7 +161,7 @@ class CheckpointStore(Checkpoints):
         target = folder / f"{checkpoint.step:012d}.npz"
         content = encode(checkpoint._replace(zone=zone))
         temporary = target.with_name(f"{target.name}{_TEMPORARY}")
-        try:
+        with _told(f"the checkpoint {target} cannot be written", "free space on its disk and make its folder writable"):
             make_folder(folder)
             _remove_leftovers(folder)
             try:
@@ -176,33 +176,20 @@ class CheckpointStore(Checkpoints):
             sync_folder(folder)
             for old in [] if keep_all else _newest_first(folder)[self._keep :]:
                 old.unlink()
-        except OSError as error:
-            raise CheckpointError(
-                f"the checkpoint {target} cannot be written ({error.strerror}); "
-                "free space on its disk and make its folder writable"
-            ) from error
         return target
 
     def load(self, zone: str, fingerprint: str) -> Checkpoint | None:
         """As all checkpoints are; a damaged one is renamed to `.corrupt`."""
         folder = self.path / zone
-        try:
+        with _told(f"the checkpoints in {folder} cannot be read", "make the folder readable and writable"):
             _remove_leftovers(folder)
             return super().load(zone, fingerprint)
-        except OSError as error:
-            raise CheckpointError(
-                f"the checkpoints in {folder} cannot be read ({error.strerror}); make the folder readable and writable"
-            ) from error
 
     def files(self, zone: str) -> list[Path]:
         """The kept checkpoints of `zone`, newest first."""
         folder = self.path / zone
-        try:
+        with _told(f"the checkpoints in {folder} cannot be listed", "make the folder readable"):
             return _newest_first(folder)
-        except OSError as error:
-            raise CheckpointError(
-                f"the checkpoints in {folder} cannot be listed ({error.strerror}); make the folder readable"
-            ) from error
 
     def zones(self) -> list[str]:
         """The zones that have a folder here; what else somebody has put there is no state."""
@@ -240,19 +227,15 @@ class CheckpointStore(Checkpoints):
 
     def _set_aside(self, zone: str, files: list[Path]) -> Path | None:
         folder = self.path / zone
-        try:
-            if not files:
-                return None
-            aside = folder / f"reset-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}"
+        aside = folder / f"reset-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}"
+        if not files:
+            return None
+        with _told(f"the checkpoints in {folder} cannot be set aside", "make the folder writable"):
             aside.mkdir()
             for path in files:
                 path.rename(aside / path.name)
             sync_folder(aside)
             sync_folder(folder)
-        except OSError as error:
-            raise CheckpointError(
-                f"the checkpoints in {folder} cannot be set aside ({error.strerror}); make the folder writable"
-            ) from error
         return aside
 
     def _set_damaged_aside(self, zone: str, found: Found) -> None:
@@ -330,6 +313,15 @@ def _digest(parts: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
         digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
         digest.update(array.tobytes())
     return np.frombuffer(digest.digest(), dtype=np.uint8)
+
+
+@contextmanager
+def _told(what: str, remedy: str) -> Iterator[None]:
+    """Turn what the disk raises into one sentence."""
+    try:
+        yield
+    except OSError as error:
+        raise CheckpointError(f"{what} ({error.strerror}); {remedy}") from error
 
 
 def _newest_first(folder: Path) -> list[Path]:

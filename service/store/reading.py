@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 from service.errors import JournalError, ServiceError
@@ -65,15 +65,12 @@ def read_state(state_dir: Path) -> Iterator[StoredState]:
 
 
 def stored_fingerprints(state_dir: Path) -> dict[str, str]:
-    """The fingerprint of every zone with samples in `state_dir`, by its id, whichever version of Thermogate wrote them;
-    none where there is no state or it cannot be read."""
-    path = (state_dir / JOURNAL).absolute()
+    """The fingerprint of every zone with samples in `state_dir`, by its id; none where there is no state or it cannot
+    be read."""
     try:
-        if not path.exists():
-            return {}
-        with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True, isolation_level=None)) as connection:
-            return Journal(JournalFile(connection, path)).fingerprints()
+        with read_state(state_dir) as state:
+            return state.zones()
     # Who checks a configuration need not be one who may look into the state folder.
-    except (OSError, sqlite3.Error, JournalError) as error:
-        _log.debug("the zones of %s cannot be read: %s", path, error)
+    except (OSError, ServiceError) as error:
+        _log.debug("the zones of %s cannot be read: %s", state_dir, error)
         return {}

@@ -9,12 +9,10 @@ from typing import NamedTuple
 from service.errors import JournalError, ServiceError
 from service.store.backup import unpacked_backup
 from service.store.checkpoint import CheckpointStore
-from service.store.journal import Journal
+from service.store.journal import Journal, is_aside
 from service.store.journal_file import JournalFile, schema_problem, translated
 from service.store.ownership import database
 from service.store.store import CHECKPOINTS, JOURNAL
-
-_PAGE = 1000
 
 
 class Verified(NamedTuple):
@@ -47,19 +45,19 @@ def _verify_state(folder: Path) -> Verified:
     problems: list[str] = []
     samples = rows = 0
     with translated(path), database(path, "ro") as connection:
-        problems += [f"the journal {path}: {row[0]}" for row in connection.execute("PRAGMA quick_check(5)")]
-        problems = [problem for problem in problems if not problem.endswith(": ok")]
+        checked = [row[0] for row in connection.execute("PRAGMA quick_check(5)")]
+        problems += [f"the journal {path}: {damage}" for damage in checked if damage != "ok"]
         if (strange := schema_problem(connection)) is not None:
             problems.append(f"the journal {path} {strange}")
         journal = Journal(JournalFile(connection, path))
         # What was set aside is no longer a chain.
-        zones = [zone for (zone,) in journal.read("SELECT zone FROM zones ORDER BY zone") if "@" not in zone]
+        zones = [zone for (zone,) in journal.read("SELECT zone FROM zones ORDER BY zone") if not is_aside(zone)]
         for zone in zones:
             try:
                 samples += sum(1 for _ in journal.samples_after(zone, None))
             except JournalError as error:
                 problems.append(str(error))
-            there = journal.read("SELECT count(*) FROM history WHERE zone = ?", zone)[0][0]
+            ((there,),) = journal.read("SELECT count(*) FROM history WHERE zone = ?", zone)
             sound = _sound_rows(journal, zone)
             rows += sound
             if sound < there:
@@ -76,10 +74,9 @@ def _verify_state(folder: Path) -> Verified:
 
 def _sound_rows(journal: Journal, zone: str) -> int:
     """How many rows of the history of `zone` have their right checksum."""
-    count, end = 0, None
-    while times := journal.read(
-        "SELECT time FROM history WHERE zone = ? AND time < ? ORDER BY time DESC LIMIT ?", zone, end or 2**62, _PAGE
-    ):
-        count += len(journal.history(zone, times[-1][0], end, _PAGE))
-        end = times[-1][0]
+    count = 0
+    start: int | None = -(2**62)
+    while start is not None:
+        times, _, start = journal.history_columns(zone, start, 2**62, 1)
+        count += len(times)
     return count

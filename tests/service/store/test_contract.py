@@ -20,7 +20,6 @@ from support.running_zone import Announced, fed, finished, make, plumbing, strai
 from support.waiting import PATIENCE
 from support.zone_samples import comparable, sample
 
-from adapters.fields.times import written_time
 from adapters.reading import Quality, Reading
 from service.errors import JournalError, StateMismatch
 from service.records.sample import Sample
@@ -392,73 +391,27 @@ async def test_what_lies_ahead_is_set_aside(kept: Kept) -> None:
         assert (found and found.step, newest, len(readings), len(history), len(samples)) == (now, now, 0, 6, 7)
 
 
-async def test_what_is_too_old_goes_and_what_a_start_needs_stays(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
-    steps, per_day = 12 * 48, DAY // PERIOD
-    needed = make_sample(5 * per_day // 4).time
-
+async def test_it_is_kept_within_its_limits_while_it_is_written_to(
+    kept: Kept, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps, needed = 12 * 48, make_sample(500).time
     async with kept.opened("ab") as store:
+        monkeypatch.setattr(type(store.journal.database), "least_pruned", 0)
         for zone in "ab":
             await asyncio.gather(*(store.append(zone, make_sample(step)) for step in range(steps)))
-            for step in range(steps):
-                store.record(zone, make_update(step))
-        store.checkpoints.save("a", checkpoint(make_sample(steps - 1).time))
-        store.checkpoints.save("b", checkpoint(needed))
-        await store.write(store.journal.flush)
+            store.checkpoints.save(zone, checkpoint(make_sample(steps - 1).time if zone == "a" else needed))
         pruning = asyncio.create_task(store.keep_within(Limits(DAY / 4, 1e12)))
-
-        async def is_done() -> bool:
-            history = [len(await store.run(store.journal.history, zone, None, None, 10_000)) for zone in "ab"]
-            first = (await store.samples_after("b", None))[0]
-            return max(history) <= per_day // 4 + per_day and first.time > needed
-
         async with asyncio.timeout(PATIENCE):
-            while not await is_done():
+            while (await store.samples_after("b", None))[0].time <= needed:
                 assert not pruning.done()
-                await asyncio.sleep(0.01)
+                await store.append("a", make_sample(steps := steps + 1))
         pruning.cancel()
-
     async with kept.opened("ab") as store:
-        found: list[int] = []
-        for zone in "ab":
-            samples = await store.samples_after(zone, None)
-            history = await store.run(store.journal.history, zone, None, None, 10_000)
-            found += [samples[0].time, len(history)]
-            await store.append(zone, make_sample(steps))
-            assert (await store.samples_after(zone, samples[-1].time))[0].time == make_sample(steps).time
-        last = await store.resume_after("a", None)
-    first_a, history_a, first_b, history_b = found
-    newest = make_sample(steps - 1).time
-    assert newest - DAY / 4 - DAY <= first_a <= newest - DAY / 4
-    assert first_b == needed + PERIOD, "what follows the oldest checkpoint stays"
-    assert per_day // 4 <= min(history_a, history_b)
-    assert last == make_sample(steps).time
+        first = (await store.samples_after("b", None))[0]
+        await store.append("b", make_sample(steps))
+        assert await store.resume_after("a", None) == make_sample(steps).time
+    assert first.time == needed + PERIOD, "what follows the oldest checkpoint stays"
     assert "it has learned anew from the later ones" in caplog.text, "the pruned samples were no part of any checkpoint"
-
-
-async def test_what_goes_for_its_age_goes_a_week_at_a_time_and_is_told(
-    kept: Kept, caplog: pytest.LogCaptureFixture
-) -> None:
-    """Also where a month could go as a whole: a clock that is wrong for a day must not cost the history of years."""
-    times = [START + k * DAY // 2 for k in range(90)]
-    async with kept.opened() as store:
-        await asyncio.gather(*(store.append("z", make_sample(0)._replace(time=when)) for when in times))
-        for when in times:
-            store.record("z", make_update(0)._replace(time=when))
-        store.checkpoints.save("z", checkpoint(times[-1]))
-        await store.write(store.journal.flush)
-        left = []
-        for _ in range(6):
-            await store.run(lambda: list(store._prune(Limits(10.0 * DAY, 1e12))))
-            found = [await store.run(store.journal.first_time, table, "z") for table in ("samples", "history")]
-            left.append([(first - START) / DAY for first in found])
-    assert left[:4] == [[7, 7], [14, 14], [21, 21], [28, 28]]
-    # In a database rows go once there is a day of them.
-    assert 33.5 <= min(left[4]) <= max(left[4]) <= 34.5
-    assert left[5] == left[4]
-    told = [record.getMessage() for record in caplog.records if "history older" in record.getMessage()]
-    assert len(told) == 5
-    first, last = (written_time(START + days * DAY) for days in (0, 7))
-    assert told[0] == f"history older than keep_history is deleted: of zone 'z' from {first} to {last}"
 
 
 async def test_a_zone_runs_on_it_and_goes_on_bit_for_bit(kept: Kept, tmp_path: Path) -> None:

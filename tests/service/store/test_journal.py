@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -47,38 +48,41 @@ def test_many_rows_are_flushed_on_the_way(path: Path, journal: Journal, monkeypa
     other.close()
 
 
-def test_a_newer_schema_is_refused_with_a_remedy(path: Path, journal: Journal) -> None:
-    journal.close()
-    with sqlite3.connect(path) as connection:
-        connection.execute("PRAGMA user_version = 7")
-    connection.close()
-    with pytest.raises(JournalError, match=r"schema 7 of a newer Thermogate .*upgrade Thermogate"):
-        Journal.open(path)
+def sql(statement: str) -> Callable[[Path], None]:
+    """A change by SQLite itself."""
+
+    def change(path: Path) -> None:
+        with closing(sqlite3.connect(path)) as connection, connection:
+            connection.execute(statement)
+
+    return change
 
 
-def test_another_programs_database_is_refused_untouched(tmp_path: Path) -> None:
-    path = tmp_path / "other.sqlite3"
-    with sqlite3.connect(path) as connection:
-        connection.execute("CREATE TABLE letters (text)")
-    connection.close()
+def garbled(path: Path) -> None:
+    path.write_bytes(path.read_bytes().replace(b"CREATE TABLE samples", b"CREATE \xe7\xff\xfeBLE samples"))
+
+
+@pytest.mark.parametrize(
+    ("there", "change", "told"),
+    [
+        (True, sql("PRAGMA user_version = 7"), r"schema 7 of a newer Thermogate .*upgrade Thermogate"),
+        (True, sql("PRAGMA user_version = 2"), r"schema 2 of an unreleased Thermogate.*use another state_dir"),
+        (True, garbled, r"failed .*restore a backup"),
+        (False, sql("CREATE TABLE letters (text)"), "not a Thermogate journal"),
+        (False, lambda path: path.write_bytes(b"certainly not SQLite" * 100), "move it away"),
+    ],
+)
+def test_what_is_no_journal_of_this_version_is_refused_untouched(
+    there: bool, change: Callable[[Path], object], told: str, path: Path
+) -> None:
+    path.parent.mkdir()
+    if there:
+        Journal.open(path).close()
+    change(path)
     before = path.read_bytes()
-    with pytest.raises(JournalError, match="not a Thermogate journal"):
+    with pytest.raises(JournalError, match=told):
         Journal.open(path)
     assert path.read_bytes() == before
-
-
-def test_a_file_that_is_no_database(tmp_path: Path) -> None:
-    path = tmp_path / "journal.sqlite3"
-    path.write_bytes(b"certainly not SQLite" * 100)
-    with pytest.raises(JournalError, match="move it away"):
-        Journal.open(path)
-
-
-def test_a_damaged_schema_of_which_sqlite_speaks_in_bytes(path: Path, journal: Journal) -> None:
-    journal.close()
-    path.write_bytes(path.read_bytes().replace(b"CREATE TABLE samples", b"CREATE \xe7\xff\xfeBLE samples"))
-    with pytest.raises(JournalError, match=r"failed .*restore a backup"):
-        Journal.open(path)
 
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:

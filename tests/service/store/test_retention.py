@@ -12,11 +12,14 @@ from pathlib import Path
 
 import pytest
 from support.fake_zones import make_sample, make_update
+from support.shards import Shards
 
+from adapters.fields.times import written_time
 from adapters.reading import Quality, Reading
 from service.store.checkpoint import Checkpoint
 from service.store.journal import Journal
-from service.store.retention import Limits, prune
+from service.store.postgres.database import PostgresDatabase
+from service.store.retention import Limits, prune, prune_old
 from service.store.store import JOURNAL, Store
 
 STEP = 300
@@ -29,6 +32,20 @@ FOREVER = 1e12
 def journal(tmp_path: Path) -> Iterator[Journal]:
     with closing(Journal.open(tmp_path / JOURNAL)) as opened:
         yield opened
+
+
+@pytest.fixture(params=["sqlite", "postgres"])
+def either(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Journal:
+    """A journal in a file or a database, whose limits on age are the same."""
+    if request.param == "sqlite":
+        found: Journal = request.getfixturevalue("journal")
+        return found
+    monkeypatch.setattr(PostgresDatabase, "least_pruned", 0)
+    shards: Shards = request.getfixturevalue("shards")
+    store = shards.store()
+    for zone in ("living", "bedroom"):
+        store.journal.claim(zone, "f")
+    return store.journal
 
 
 def fill(journal: Journal, zone: str, steps: int) -> None:
@@ -47,6 +64,9 @@ def steps_of(journal: Journal, zone: str) -> tuple[list[int], list[int]]:
 def pruned(journal: Journal, limits: Limits, oldest_checkpoint: int | None) -> int:
     """Prune with the oldest checkpoint of every zone after this step; how many slices that took."""
     time = None if oldest_checkpoint is None else FIRST + oldest_checkpoint * STEP
+    # A database does not shrink.
+    if limits.max_journal == FOREVER:
+        return sum(1 for _ in prune_old(journal, lambda zone: time, limits.keep_history))
     return sum(1 for _ in prune(journal, lambda zone: time, limits))
 
 
@@ -64,51 +84,51 @@ def test_the_newest_sample_stays(journal: Journal) -> None:
     assert journal.append_all([("living", make_sample(300))])
 
 
-def test_after_pruning_and_setting_aside_all_that_is_left_new_samples_are_sound(journal: Journal) -> None:
-    fill(journal, "living", 300)
-    pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=290)
-    journal.set_aside("living", FIRST)
+def test_after_pruning_and_setting_aside_all_that_is_left_new_samples_are_sound(either: Journal) -> None:
+    fill(either, "living", 300)
+    pruned(either, Limits(100 * STEP, FOREVER), oldest_checkpoint=290)
+    either.set_aside("living", FIRST)
     for step in (250, 251):
-        assert journal.append_all([("living", make_sample(step))])
-    assert steps_of(journal, "living") == ([250, 251], [])
+        assert either.append_all([("living", make_sample(step))])
+    assert steps_of(either, "living") == ([250, 251], [])
 
 
-def test_age_counts_from_the_newest_sample_of_each_zone(journal: Journal) -> None:
-    fill(journal, "living", 50)
-    fill(journal, "bedroom", 300)
-    pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=1000)
-    assert steps_of(journal, "living")[0] == list(range(50)), "it stopped long ago, and keeps its last 100 steps"
-    assert steps_of(journal, "bedroom")[0] == list(range(199, 300))
+def test_age_counts_from_the_newest_sample_of_each_zone(either: Journal) -> None:
+    fill(either, "living", 50)
+    fill(either, "bedroom", 300)
+    pruned(either, Limits(100 * STEP, FOREVER), oldest_checkpoint=1000)
+    assert steps_of(either, "living")[0] == list(range(50)), "it stopped long ago, and keeps its last 100 steps"
+    assert steps_of(either, "bedroom")[0] == list(range(199, 300))
 
 
-def leap(journal: Journal, zone: str, begin: int, steps: int) -> None:
+def leap(journal: Journal, zone: str, begin: int, steps: int, step: int = STEP) -> None:
     """Samples and history of `zone` from `begin` (UTC s) on."""
-    samples = [make_sample(0)._replace(time=begin + step * STEP) for step in range(steps)]
+    samples = [make_sample(0)._replace(time=begin + k * step) for k in range(steps)]
     journal.append_all([(zone, one) for one in samples])
     for one in samples:
         journal.record(zone, make_update(0)._replace(time=one.time))
     journal.flush()
 
 
-def test_a_clock_that_leaps_ahead_deletes_nothing(journal: Journal) -> None:
+def test_a_clock_that_leaps_ahead_deletes_nothing(either: Journal) -> None:
     """500 days ahead for a minute, and whatever follows: the true rows stay until a day of samples has confirmed it."""
-    fill(journal, "living", 1000)
+    fill(either, "living", 1000)
     ahead = FIRST + 500 * DAY
-    leap(journal, "living", ahead, 5)
-    pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=10_000_000)
-    assert steps_of(journal, "living")[0][:1000] == list(range(1000))
-    assert journal.pruned_until("living") is None
-    leap(journal, "living", ahead + 5 * STEP, 290)
+    leap(either, "living", ahead, 5)
+    pruned(either, Limits(100 * STEP, FOREVER), oldest_checkpoint=10_000_000)
+    assert steps_of(either, "living")[0][:1000] == list(range(1000))
+    assert either.pruned_until("living") is None
+    leap(either, "living", ahead + 5 * STEP, 290)
     for _ in range(2):
-        pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=10_000_000)
-    assert steps_of(journal, "living")[0][0] == (ahead - FIRST) // STEP + 294 - 100, "that was a day of samples"
+        pruned(either, Limits(100 * STEP, FOREVER), oldest_checkpoint=10_000_000)
+    assert steps_of(either, "living")[0][0] == (ahead - FIRST) // STEP + 294 - 100, "that was a day of samples"
 
 
-def test_without_checkpoints_the_history_still_goes(journal: Journal) -> None:
-    fill(journal, "living", 6000)
+def test_without_checkpoints_the_history_still_goes(either: Journal) -> None:
+    fill(either, "living", 6000)
     for _ in range(3):
-        pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=None)
-    assert steps_of(journal, "living") == (list(range(6000)), list(range(5899, 6000)))
+        pruned(either, Limits(100 * STEP, FOREVER), oldest_checkpoint=None)
+    assert steps_of(either, "living") == (list(range(6000)), list(range(5899, 6000)))
 
 
 def test_the_file_stays_within_its_limit_and_the_oldest_rows_go_first(tmp_path: Path, journal: Journal) -> None:
@@ -163,13 +183,30 @@ def test_a_limit_that_cannot_be_kept_ends_the_pruning(journal: Journal) -> None:
     assert steps_of(journal, "living")[0] == list(range(1, 2000))
 
 
-def test_appends_come_in_between_the_slices(journal: Journal) -> None:
-    fill(journal, "living", 5000)
-    for number, _ in enumerate(prune(journal, lambda zone: FIRST + 4990 * STEP, Limits(10 * STEP, FOREVER))):
-        assert journal.append_all([("living", make_sample(5000 + number))])
+def test_appends_come_in_between_the_slices(either: Journal) -> None:
+    fill(either, "living", 5000)
+    for number, _ in enumerate(prune_old(either, lambda zone: FIRST + 4990 * STEP, 10 * STEP)):
+        assert either.append_all([("living", make_sample(5000 + number))])
         assert number < 40
     assert number >= 5, "500 rows at once at most"
-    assert steps_of(journal, "living")[0][-1] == 5000 + number
+    assert steps_of(either, "living")[0][-1] == 5000 + number
+
+
+def test_what_goes_for_its_age_goes_a_week_at_a_time_and_is_told(
+    either: Journal, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A clock that is wrong for a day must not cost the history of years."""
+    leap(either, "living", FIRST, 90, DAY // 2)
+    left = []
+    for _ in range(6):
+        pruned(either, Limits(10.0 * DAY, FOREVER), oldest_checkpoint=10_000_000)
+        found = [either.first_time(table, "living") for table in ("samples", "history")]
+        left.append([(first - FIRST) / DAY for first in found if first is not None])
+    assert left == [[7, 7], [14, 14], [21, 21], [28, 28], [34.5, 34.5], [34.5, 34.5]]
+    told = [record.getMessage() for record in caplog.records if "history older" in record.getMessage()]
+    assert len(told) == 5
+    first, last = (written_time(FIRST + days * DAY) for days in (0, 7))
+    assert told[0] == f"history older than keep_history is deleted: of zone 'living' from {first} to {last}"
 
 
 async def test_checkpoints_that_cannot_be_listed_keep_the_samples_of_their_zone_alone(
