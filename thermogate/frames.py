@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import timedelta, timezone, tzinfo
+from datetime import datetime, timezone, tzinfo
 from math import inf
 from typing import Any, NamedTuple
 
@@ -27,7 +27,7 @@ Frame = Any
 _ROWS_AT_ONCE = 512
 _MOST_NAMES = 30
 _UTC = "UTC"
-_OFFSET = re.compile(r"UTC([+-])([01]\d|2[0-3]):([0-5]\d)")
+_OFFSET = re.compile(r"UTC([+-](?:[01]\d|2[0-3]):[0-5]\d)")
 
 
 class Clock(NamedTuple):
@@ -124,25 +124,17 @@ def _zone_name(zone: tzinfo) -> str | None:
     """The name by which pandas finds `zone` again; None for a zone that has none."""
     if isinstance(zone, timezone):
         # Its own name can be any text, even that of a zone with other offsets, such as "CET".
-        return _offset_name(zone.utcoffset(None))
+        offset = str(timezone(zone.utcoffset(None)))
+        return offset if offset == _UTC or _OFFSET.fullmatch(offset) else None
     # zoneinfo has a key, pytz a zone.
     name = getattr(zone, "key", None) or getattr(zone, "zone", None)
     return name if isinstance(name, str) else None
 
 
-def _offset_name(offset: timedelta) -> str | None:
-    """A distance from UTC as `named_zone` reads it; None if it is no whole number of minutes."""
-    minutes, rest = divmod(abs(offset), timedelta(minutes=1))
-    if rest:
-        return None
-    return f"{_UTC}{'-' if offset < timedelta() else '+'}{minutes // 60:02}:{minutes % 60:02}" if minutes else _UTC
-
-
 def named_zone(name: str) -> Any:
     """The time zone called `name`, an IANA name or UTC+hh:mm; DataError if there is none."""
     if offset := _OFFSET.fullmatch(name):
-        span = timedelta(hours=int(offset[2]), minutes=int(offset[3]))
-        return timezone(-span if offset[1] == "-" else span)
+        return datetime.strptime(offset[1], "%z").tzinfo
     try:
         return time_zone(name)
     except SourceError as error:

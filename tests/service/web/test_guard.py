@@ -71,31 +71,17 @@ def test_no_other_site_may_read_answers(app: FastAPI) -> None:
     assert answer.headers["x-content-type-options"] == "nosniff"
 
 
-@pytest.mark.parametrize(
-    ("host", "status"),
-    [
-        ("localhost", 200),
-        ("LOCALHOST:8080", 200),
-        ("localhost.", 200),
-        ("127.0.0.1:8080", 200),
-        ("[::1]:8080", 200),
-        ("[::1]", 200),
-        ("192.0.2.7", 200),
-        ("10.9.8.7:1", 200),
-        ("thermogate.example:443", 200),
-        ("attacker.example", 421),
-        ("attacker.example:8080", 421),
-        ("localhost.attacker.example", 421),
-        ("127.0.0.1.attacker.example", 421),
-        ("thermogate.example.attacker", 421),
-        ("localhost:8080:1", 421),
-        ("localhost:x", 421),
-        ("[attacker]", 421),
-        (":8080", 421),
-    ],
-)
-def test_names_that_are_not_ours_are_not_answered(app: FastAPI, host: str, status: int) -> None:
-    answer = get(app, "/healthz", headers={"Host": host})
-    assert answer.status_code == status
-    if status != 200:
-        assert "http.allowed_hosts" in problem(answer, status)["detail"]
+OURS = ("localhost", "LOCALHOST:8080", "localhost.", "127.0.0.1:8080", "[::1]:8080", "[::1]", "192.0.2.7", "10.9.8.7:1")
+NAMED = ("thermogate.example:443",)
+STRANGE = ("localhost:8080:1", "localhost:x", "[attacker]", ":8080", "attacker.example", "attacker.example:8080")
+ALIKE = ("localhost.attacker.example", "127.0.0.1.attacker.example", "thermogate.example.attacker")
+
+
+@pytest.mark.parametrize("host", [*OURS, *NAMED])
+def test_addresses_and_our_names_are_answered(app: FastAPI, host: str) -> None:
+    assert get(app, "/healthz", headers={"Host": host}).status_code == 200
+
+
+@pytest.mark.parametrize("host", [*STRANGE, *ALIKE])
+def test_names_that_are_not_ours_are_not_answered(app: FastAPI, host: str) -> None:
+    assert "http.allowed_hosts" in problem(get(app, "/healthz", headers={"Host": host}), 421)["detail"]

@@ -16,7 +16,6 @@ from service.errors import CertificateError
 from service.publish.metrics import Metrics
 from service.web.app import create_app
 from service.web.measures import http_measures
-from service.web.server.server import HttpServer
 
 
 def app() -> FastAPI:
@@ -117,10 +116,3 @@ async def test_who_never_reads_is_cut_off_through_encryption_too(tmp_path: Path)
         await deaf.send(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
         await until(lambda: server.cut_off["slow to read"] and server.connections == 0)
         deaf.writer.transport.abort()
-
-
-def test_a_certificate_that_cannot_be_used_stops_the_start(tmp_path: Path) -> None:
-    pair = make_pair(tmp_path)
-    pair.private_key.unlink()
-    with pytest.raises(CertificateError, match="cannot be read"):
-        HttpServer(app(), config(certificate=pair.certificate, private_key=pair.private_key))
