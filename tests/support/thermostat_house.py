@@ -1,6 +1,7 @@
 """A house with a thermostat, as its logger records it."""
 
 import numpy as np
+import pandas as pd
 
 THETA = np.array([6e6, 4e7, 600.0, 140.0])
 """C_i, C_e, g_ie, g_e_out of the network `tite`."""
@@ -29,3 +30,11 @@ def recorded(days, period, setpoint=morning, power=6000.0):
             envelope += 60.0 / THETA[1] * (THETA[3] * (outdoor - envelope) - flow)
         indoor += 0.02 * rng.standard_normal()
     return np.array(outputs)[:, None], np.array(inputs), np.array(wanted)
+
+
+def table(days):
+    """The same in half hours as a table of pandas."""
+    outputs, inputs, setpoints = recorded(days, 1800)
+    index = pd.date_range("2025-01-10", periods=len(outputs), freq="30min", tz="Europe/Berlin")
+    columns = {"T_i": outputs[:, 0], "T_out": inputs[:, 0], "u_heat": inputs[:, 1], "T_set": setpoints}
+    return pd.DataFrame(columns, index=index)

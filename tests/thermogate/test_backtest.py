@@ -3,15 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
-from support.thermostat_house import recorded
+from support.thermostat_house import table
 
 import thermogate as tg
 
-OUTPUTS, INPUTS, _ = recorded(8, 1800)
-TABLE = pd.DataFrame(
-    {"Room": OUTPUTS[:, 0], "T_out": INPUTS[:, 0], "u_heat": INPUTS[:, 1]},
-    index=pd.date_range("2025-01-10", periods=len(OUTPUTS), freq="30min", tz="Europe/Berlin"),
-)
+TABLE = table(8).drop(columns="T_set").rename(columns={"T_i": "Room"})
 COLUMNS = {"T_i": "Room"}
 
 
@@ -70,9 +66,9 @@ def test_a_backtest_has_the_rules_of_thumb_beside_it_and_shows_itself():
 
 
 def test_options_are_written_after_the_name_or_given_as_in_fit():
-    table = TABLE.iloc[:48]
-    seeds = [tg.backtest(table, "tite", columns=COLUMNS, estimator="mkf", estimator_options={"particles": 8}, seed=3)]
-    seeds.append(tg.compare(table, "mkf:particles=8", "tite", columns=COLUMNS, seed=3))
+    day = TABLE.iloc[:48]
+    seeds = [tg.backtest(day, "tite", columns=COLUMNS, estimator="mkf", estimator_options={"particles": 8}, seed=3)]
+    seeds.append(tg.compare(day, "mkf:particles=8", "tite", columns=COLUMNS, seed=3))
     one, other = (found.forecasts(horizon="1h") for found in seeds)
     pd.testing.assert_frame_equal(one, other)
 

@@ -2,21 +2,17 @@
 
 import pandas as pd
 import pytest
-from support.thermostat_house import recorded
+from support.thermostat_house import table
 
 import thermogate as tg
 from service.records.trust import HorizonTrust, Trust
 
-PERIOD = 1800
-OUTPUTS, INPUTS, SETPOINTS = recorded(6, PERIOD)
-TABLE = pd.DataFrame(
-    {"T_i": OUTPUTS[:, 0], "T_out": INPUTS[:, 0], "u_heat": INPUTS[:, 1], "Set F": SETPOINTS * 1.8 + 32.0},
-    index=pd.date_range("2025-01-10", periods=len(OUTPUTS), freq="30min", tz="Europe/Berlin"),
-)
+HOUSE = table(6)
+TABLE = HOUSE.drop(columns="T_set").assign(**{"Set F": HOUSE["T_set"] * 1.8 + 32.0})
 
 
-def fitted(table=TABLE, **columns):
-    return tg.fit(table, "tite", estimator="ekf", columns=columns, progress=False)
+def fitted(measured=TABLE, **columns):
+    return tg.fit(measured, "tite", estimator="ekf", columns=columns, progress=False)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +28,7 @@ def test_a_plan_of_set_points_by_channel_or_column_is_kept(model):
 
 
 def test_a_column_of_that_name_is_the_set_point_and_is_saved_with_the_model(model, tmp_path):
-    named = fitted(TABLE.assign(T_set=SETPOINTS))
+    named = fitted(TABLE.assign(T_set=HOUSE["T_set"]))
     named.save(tmp_path / "m.npz")
     loaded = tg.load(tmp_path / "m.npz")
     for other in (named, loaded):

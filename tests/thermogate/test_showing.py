@@ -6,24 +6,19 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
-from support.thermostat_house import recorded
+from support.thermostat_house import table
 
 import thermogate as tg
 from service.store.checkpoint import decode, encode
 
 pytest.importorskip("matplotlib")
 
-PERIOD = 1800
-OUTPUTS, INPUTS, SETPOINTS = recorded(6, PERIOD)
-TABLE = pd.DataFrame(
-    {"T_i": OUTPUTS[:, 0], "T_out": INPUTS[:, 0], "u_heat": INPUTS[:, 1], "T_set": SETPOINTS},
-    index=pd.date_range("2025-01-10", periods=len(OUTPUTS), freq="30min", tz="Europe/Berlin"),
-)
+TABLE = table(6)
 
 
-def fitted(table=TABLE, **settings):
+def fitted(measured=TABLE, **settings):
     own = {"estimator": "mkf", "estimator_options": {"particles": 16}}
-    return tg.fit(table, "tite", progress=False, **{**own, **settings})
+    return tg.fit(measured, "tite", progress=False, **{**own, **settings})
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from support.thermostat_house import recorded
+from support.thermostat_house import recorded, table
 
 import thermogate as tg
 from adapters.reading import Quality
@@ -18,10 +18,7 @@ from service.zone import snapshot
 
 PERIOD = 1800
 OUTPUTS, INPUTS, SETPOINTS = recorded(5, PERIOD)
-TABLE = pd.DataFrame(
-    {"T_i": OUTPUTS[:, 0], "T_out": INPUTS[:, 0], "u_heat": INPUTS[:, 1], "T_set": SETPOINTS},
-    index=pd.date_range("2025-01-10", periods=len(OUTPUTS), freq="30min", tz="Europe/Berlin"),
-)
+TABLE = table(5)
 CUT = 4 * 48
 CONFIG = """
 [site]
