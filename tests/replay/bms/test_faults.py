@@ -73,12 +73,3 @@ def test_faults_that_have_ended_are_forgotten_also_where_nobody_lists_them() -> 
         plant.value(device, device.channels[0])
         clock.now += 2.0
     assert len(plant.faults._faults) == len(plant.faults._frozen) == 1
-
-
-def test_the_newest_of_two_faults_counts_and_clear_ends_all() -> None:
-    plant = simulation(Clock())
-    plant.faults.add(parse_spec("slow:room1,value=1"))
-    newest = plant.faults.add(parse_spec("slow,value=2"))
-    assert plant.faults.active("slow", "room1") == newest
-    plant.faults.clear()
-    assert plant.faults.listed() == []

@@ -38,14 +38,6 @@ def test_life_at_a_time_is_that_row_of_the_day() -> None:
             assert [field[number] for field in moment] == [field[row] for field in day]
 
 
-def test_an_office_is_warm_when_it_is_used() -> None:
-    life = Life([room.use for room in BUILDINGS["office"].rooms], 300.0, 1)
-    saturday = MONDAY + 5
-    assert life.set_points(MONDAY * DAY + 10 * HOUR).tolist() == [21.0, 19.0, 21.0]
-    assert life.set_points(MONDAY * DAY + 5 * HOUR).tolist() == [17.5, 16.5, 17.5]
-    assert life.set_points(saturday * DAY + 10 * HOUR).tolist() == [17.5, 16.5, 17.5]
-
-
 def test_on_off_heating_has_a_hysteresis() -> None:
     heat = heating_named("on-off", BUILDINGS["timber"], 1)
     rated = BUILDINGS["timber"].rooms[0].heater

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.network import presets
-from replay.experiments.series.following import follow, frozen, simulate
+from replay.experiments.series.following import follow, simulate
 from replay.scores.windows import Window
 
 PERIOD = 300.0
@@ -36,11 +36,3 @@ def test_where_nothing_was_measured_the_simulation_goes_on() -> None:
     followed = follow(NETWORK, THETA, PERIOD, outputs, rows)
     free = simulate(NETWORK, PERIOD, columns, [Window(0, 600)], THETA, followed[:1])
     np.testing.assert_allclose(followed, free, atol=1e-9)
-
-
-def test_gaps_between_windows_stay_empty_and_frozen_parameters_are_not_free() -> None:
-    windows = [Window(0, 200), Window(300, 600)]
-    states = simulate(NETWORK, PERIOD, inputs(), windows, THETA, np.array([START, START]))
-    assert np.isnan(states[200:300]).all()
-    assert np.isfinite(states[:200]).all()
-    assert not frozen(NETWORK, THETA).free

@@ -11,7 +11,7 @@ import pytest
 
 from estimator.network import presets
 from replay.experiments.request import Request
-from replay.experiments.series.recorded_zone import ZoneRecord, pieces, read_zone
+from replay.experiments.series.recorded_zone import ZoneRecord, pieces
 from replay.experiments.topology import experiment as topology
 from replay.experiments.topology.candidates import ecolar_candidates
 from replay.experiments.topology.data import Recording, recordings
@@ -25,7 +25,6 @@ from replay.scores.windows import Window
 from replay.simulated import ecolar
 from replay.simulated.simulate import simulate
 from service.cli.main import main
-from service.config.load import load
 
 EXAMPLES = Path(__file__).parents[3] / "deploy" / "examples"
 TRUTH = {"C_i": 2e6, "C_e": 2e7, "g_ie": 500.0, "g_e_out": 150.0}
@@ -222,33 +221,3 @@ def test_the_ecolar_standins_stand_beside_the_papers_table(tmp_path: Path, monke
     assert len(table) == 1 + 2 + 5
     assert any(line.startswith('"M4, paper",no,4') for line in table)
     assert (tmp_path / "network-spring-seed5.toml").exists()
-
-
-def test_inputs_are_held_as_long_as_the_zone_holds_them(tmp_path: Path) -> None:
-    file = tmp_path / "log.csv"
-    rows = [f"2025-02-03T00:{5 * k:02d}:00Z,20,{'' if 3 <= k <= 8 else 5},100" for k in range(12)]
-    file.write_text("t,T_i,T_out,u\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    path = tmp_path / "site.toml"
-    path.write_text(
-        f"""
-[site]
-id = "x"
-[sources.log]
-kind = "csv"
-files = [{json.dumps(str(file))}]
-timestamp = {{ column = "t" }}
-[[zones]]
-id = "z"
-period = "5min"
-network = "tite"
-hold_inputs = "15min"
-[zones.channels]
-T_i = {{ source = "log", column = "T_i", unit = "degC" }}
-T_out = {{ source = "log", column = "T_out", unit = "degC" }}
-u_heat = {{ source = "log", column = "u", unit = "W" }}
-""",
-        encoding="utf-8",
-    )
-    config = load(path)
-    found = read_zone(config, config.zones[0])
-    assert np.isnan(found.columns["T_out"]).tolist() == [False] * 6 + [True] * 3 + [False] * 3

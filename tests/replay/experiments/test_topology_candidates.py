@@ -8,7 +8,7 @@ import pytest
 
 from estimator.network import presets
 from estimator.network.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
-from replay.experiments.topology.candidates import OWN, candidates_for, ecolar_candidates, without_sun
+from replay.experiments.topology.candidates import OWN, candidates_for, ecolar_candidates
 
 
 def test_ecolar_has_the_papers_eight_with_and_without_sun() -> None:
@@ -104,8 +104,3 @@ def test_names_that_the_zone_has_taken_are_avoided() -> None:
     assert [h.channel for h in m5.heat_inputs] == ["u_a", "u_a", "u_b"]
     assert m5.heat_inputs[-1].gain == Gain(parameter="f_air")
     assert {p.name for p in m5.parameters} >= {"f_air", "f_air2"}
-
-
-@pytest.mark.parametrize("name", ["m4", "titeth"])
-def test_a_network_without_sun_loses_nothing(name: str) -> None:
-    assert without_sun(presets.network(name)) == presets.network(name)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.fake_zones import skill_over
 
-from estimator.diagnosis.finding import Diagnosis, Finding
+from estimator.diagnosis.finding import Diagnosis
 from estimator.network import presets
 from replay.recorded.trace import Trace
 from replay.reports.advice import advice
@@ -99,11 +99,6 @@ def test_a_sound_zone_is_told_nothing():
     assert said(trace(white(), horizons=[horizon(600, 0.5), horizon(3600, 0.9)])) == [
         "Nothing: there is no finding, and forecasts and intervals are what they should be."
     ]
-
-
-def test_findings_come_first_and_whole():
-    finding = Finding("parameter-at-bound", "g_ie", "g_ie is at its bound; move it")
-    assert said(trace(white(), findings=[finding])) == ["`parameter-at-bound`: g_ie is at its bound; move it."]
 
 
 def test_horizons_that_are_worse_than_simple_forecasts_are_named():
