@@ -6,8 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from service.cli.arguments import AddCommand, instant, load_config, take_config, whole
-from service.errors import ConfigError
+from replay.commands.options import check_period, take_period, take_report
+from service.cli.arguments import AddCommand, load_config, take_config, whole
 
 
 def add_to(add: AddCommand) -> None:
@@ -27,13 +27,9 @@ def add_to(add: AddCommand) -> None:
         help="a file with [sources] that are recorded, and [[zones]] with id and channels, or a Parquet file "
         "(default: the sources of CONFIG, which then must be recorded)",
     )
-    parser.add_argument("--start", type=instant, metavar="T", help="first time, RFC 3339, such as 2025-05-03T00:00:00Z")
-    parser.add_argument("--end", type=instant, metavar="T", help="time to stop before, RFC 3339")
+    take_period(parser)
     parser.add_argument("--jobs", type=whole(1, 1024), metavar="N", help="processes (default: one for each core)")
-    parser.add_argument(
-        "--out", type=Path, default=Path(), metavar="DIR", help="folder for report.html (default: here)"
-    )
-    parser.add_argument("--language", choices=("en", "de"), default="en", help="language of the report (default: en)")
+    take_report(parser)
 
 
 def _learn(arguments: argparse.Namespace) -> int:
@@ -42,8 +38,7 @@ def _learn(arguments: argparse.Namespace) -> int:
     from service.config.load import load_history
     from service.errors import ServiceError
 
-    if arguments.start is not None and arguments.end is not None and arguments.start >= arguments.end:
-        raise ConfigError(["--start is not before --end; swap or correct them"])
+    check_period(arguments)
     if arguments.history is None:
         config = load_config(arguments)
     else:

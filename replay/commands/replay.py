@@ -7,8 +7,8 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from service.cli.arguments import AddCommand, instant, load_config, require_zones, take_config, whole
-from service.errors import ConfigError
+from replay.commands.options import check_period, take_period, take_report
+from service.cli.arguments import AddCommand, load_config, require_zones, take_config, whole
 
 
 def add_to(add: AddCommand) -> None:
@@ -22,9 +22,8 @@ def add_to(add: AddCommand) -> None:
     parser.add_argument(
         "--seed", type=whole(0, 2**63 - 1), metavar="N", help="seed of every zone (default: the configured ones)"
     )
-    parser.add_argument("--start", type=instant, metavar="T", help="first time, RFC 3339, such as 2025-05-03T00:00:00Z")
-    parser.add_argument("--end", type=instant, metavar="T", help="time to stop before, RFC 3339")
-    parser.add_argument("--language", choices=("en", "de"), default="en", help="language of the report (default: en)")
+    take_period(parser)
+    take_report(parser, out=False)
 
 
 def _replay(arguments: argparse.Namespace) -> int:
@@ -34,8 +33,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     config = load_config(arguments)
     if arguments.zone is not None:
         require_zones(config, [arguments.zone], "--zone")
-    if arguments.start is not None and arguments.end is not None and arguments.start >= arguments.end:
-        raise ConfigError(["--start is not before --end; swap or correct them"])
+    check_period(arguments)
     # The page of an earlier replay must not stand beside the rows of one that fails.
     with suppress(OSError):
         (arguments.out / FILE).unlink()

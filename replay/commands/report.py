@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from replay.commands.options import take_report
 from service.cli.arguments import AddCommand, load_config, require_zones, whole
 
 
@@ -20,9 +21,6 @@ def add_to(add: AddCommand) -> None:
         action="store_true",
         help="of a fleet: read the database that [fleet] of --config names, and no folder",
     )
-    parser.add_argument(
-        "--out", type=Path, default=Path(), metavar="DIR", help="folder for report.html (default: here)"
-    )
     parser.add_argument("--zone", metavar="ID", help="this zone only (default: all)")
     parser.add_argument("--days", type=whole(1, 3660), metavar="N", help="the last N days only (default: all)")
     parser.add_argument(
@@ -31,7 +29,7 @@ def add_to(add: AddCommand) -> None:
         metavar="CONFIG",
         help="the configuration of the daemon (default: the one that it keeps in STATE_DIR)",
     )
-    parser.add_argument("--language", choices=("en", "de"), default="en", help="language of the report (default: en)")
+    take_report(parser)
 
 
 def _report(arguments: argparse.Namespace) -> int:

@@ -27,9 +27,9 @@ def write_recording(directory: Path, recording: Recording, loss: HeatLoss) -> Pa
     columns |= {_SUN: cells(recording.irradiance, 1), _SOUTH: cells(recording.facade, 1)}
     truth = {"time": stamps, "wind_m_s": cells(recording.wind, 2)}
     for index, room in enumerate(building.rooms):
-        columns[_temperature(room.name)] = cells(recording.air[:, index], 2)
-        columns[_set_point(room.name)] = cells(recording.set_points[:, index], 1)
-        columns[_heating(room.name)] = cells(recording.heating[:, index], 1)
+        columns[f"{room.name}_degC"] = cells(recording.air[:, index], 2)
+        columns[f"{room.name}_set_point_degC"] = cells(recording.set_points[:, index], 1)
+        columns[f"{room.name}_heating_W"] = cells(recording.heating[:, index], 1)
         truth[f"{room.name}_degC"] = cells(recording.exact[:, index], 4)
         truth[f"{room.name}_persons"] = cells(recording.persons[:, index], 0)
         truth |= {
@@ -42,18 +42,6 @@ def write_recording(directory: Path, recording: Recording, loss: HeatLoss) -> Pa
     path = directory / CONFIGURATION
     path.write_text(_HEAD.format(what=building.what) + tomli_w.dumps(_configuration(building)), encoding="utf-8")
     return path
-
-
-def _temperature(room: str) -> str:
-    return f"{room}_degC"
-
-
-def _set_point(room: str) -> str:
-    return f"{room}_set_point_degC"
-
-
-def _heating(room: str) -> str:
-    return f"{room}_heating_W"
 
 
 def _as_json(building: Building, loss: HeatLoss) -> dict[str, Any]:
@@ -81,10 +69,10 @@ def _configuration(building: Building) -> dict[str, Any]:
     zones = []
     for index, room in enumerate(building.rooms):
         beside = [names[other] for other in building.neighbours(index)]
-        channels = {"T_i": celsius(_temperature(room.name)), "T_out": celsius(_OUTDOORS)}
-        channels |= {f"T_adj_{name}": celsius(_temperature(name)) for name in beside}
+        channels = {"T_i": celsius(f"{room.name}_degC"), "T_out": celsius(_OUTDOORS)}
+        channels |= {f"T_adj_{name}": celsius(f"{name}_degC") for name in beside}
         channels |= {
-            "u_heat": {"source": "recording", "column": _heating(room.name), "unit": "W"},
+            "u_heat": {"source": "recording", "column": f"{room.name}_heating_W", "unit": "W"},
             "I_sol": {"source": "recording", "column": _SUN, "unit": "W/m2"},
         }
         zones.append(
@@ -94,7 +82,7 @@ def _configuration(building: Building) -> dict[str, Any]:
                 "network": "auto",
                 "estimator": "mkf",
                 "channels": channels,
-                "setpoint": celsius(_set_point(room.name)),
+                "setpoint": celsius(f"{room.name}_set_point_degC"),
             }
         )
     return {

@@ -15,7 +15,6 @@ import numpy as np
 from tqdm import tqdm
 
 from adapters.fields.times import written_time
-from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.localtime import DAY
 from replay.recorded.samples import SLOW
@@ -71,14 +70,10 @@ def stored_samples(state_dir: Path, zone: ZoneConfig) -> list[Sample]:
     """
     with read_state(state_dir) as state:
         samples = list(state.journal.samples_after(zone.id, None))
-    _same_channels(state_dir, zone.id, zone.network, samples[-1:])
+    wanted = len(zone.network.measured), len(zone.network.inputs)
+    if samples and (len(samples[-1].outputs), len(samples[-1].inputs)) != wanted:
+        raise StateMismatch(zone.id, state_dir)
     return samples
-
-
-def _same_channels(state_dir: Path, zone: str, network: Network, samples: Sequence[Sample]) -> None:
-    for sample in samples:
-        if (len(sample.outputs), len(sample.inputs)) != (len(network.measured), len(network.inputs)):
-            raise StateMismatch(zone, state_dir)
 
 
 def _start(state: StoredState, zone: ZoneConfig, days: int | None) -> int:
