@@ -72,12 +72,10 @@ class Results:
     def table(
         self,
         name: str,
-        title: str,
         columns: Mapping[str, str] | Sequence[str],
         *,
         contenders: Sequence[str] | None = None,
         quoted: Mapping[str, Sequence[Cell]] | None = None,
-        note: str = "",
         heading: str = "estimator",
     ) -> Table:
         """A row for every recording and contender that has any figure, a column for each figure of `columns`.
@@ -95,9 +93,9 @@ class Results:
                     rows.append((*((recording,) if named else ()), contender, *cells))
         rows += [(*(("",) if named else ()), label, *cells) for label, cells in (quoted or {}).items()]
         head = ("recording", heading) if named else (heading,)
-        return Table(name, title, (*head, *columns), tuple(rows), note, len(quoted or {}))
+        return Table(name, (*head, *columns), tuple(rows), quoted=len(quoted or {}))
 
-    def across(self, name: str, title: str, figures: Mapping[str, str], heading: str, note: str = "") -> Table:
+    def across(self, name: str, figures: Mapping[str, str], heading: str) -> Table:
         """A row for every recording and figure, a column for each contender; `figures` is by the label of the row."""
         rows: list[tuple[Cell, ...]] = []
         for recording in self.recordings:
@@ -105,7 +103,7 @@ class Results:
                 cells = [self.spread(recording, contender, figure) for contender in self.contenders]
                 if any(cell is not None for cell in cells):
                     rows.append((recording, label, *cells))
-        return Table(name, title, ("recording", heading, *self.contenders), tuple(rows), note)
+        return Table(name, ("recording", heading, *self.contenders), tuple(rows))
 
 
 def targets(found: Sequence[Verdict], *notes: str) -> Section:

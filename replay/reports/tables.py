@@ -31,7 +31,7 @@ def horizons(trace: Trace) -> Sequence[HorizonSkill]:
 
 def skill(traces: Sequence[Trace]) -> Table:
     """Every zone at the four horizons."""
-    return Table("skill", "What the forecasts were worth", _HEADER, tuple(_skill_rows(traces)), NOTE)
+    return Table("skill", _HEADER, tuple(_skill_rows(traces)), "What the forecasts were worth", NOTE)
 
 
 def _skill_rows(traces: Sequence[Trace]) -> list[tuple[Cell, ...]]:
@@ -83,7 +83,7 @@ def zones(traces: Sequence[Trace]) -> Table:
     ]
     columns = ("zone", "network", "estimator", "from", "to", "samples", "refused readings", "findings")
     clocks = " and ".join(dict.fromkeys(trace.clock for trace in traces))
-    return Table("zones", "Zones", columns, tuple(rows), f"Times are those of {clocks}.")
+    return Table("zones", columns, tuple(rows), "Zones", f"Times are those of {clocks}.")
 
 
 def to_do(traces: Sequence[Trace]) -> Table:
@@ -92,7 +92,7 @@ def to_do(traces: Sequence[Trace]) -> Table:
     for trace in sorted(traces, key=_need):
         for one in () if trace.room is None else trace.room.to_do:
             rows.append((trace.zone, one.what, one.why))
-    return Table("to-do", "What to do, the room first that needs it most", ("zone", "what", "why"), tuple(rows))
+    return Table("to-do", ("zone", "what", "why"), tuple(rows), "What to do, the room first that needs it most")
 
 
 def _need(trace: Trace) -> float:
@@ -114,7 +114,7 @@ def laws(trace: Trace) -> Table:
         "Power is all that it gives; offset is how far below the set-point (cooling: above) it gives half of it, and "
         "band over how many K it goes from nothing to all. In brackets are 95 % intervals."
     )
-    return Table(f"thermostat-{trace.zone}", "What the thermostat does", columns, tuple(rows), note)
+    return Table(f"thermostat-{trace.zone}", columns, tuple(rows), "What the thermostat does", note)
 
 
 def _between(part: Range) -> str:
@@ -138,9 +138,9 @@ def parameters(trace: Trace) -> Table:
     rows.append(("heat loss", "W/K", *map(amount, trace.heat_loss[-1].tolist()), None, None, "derived"))
     return Table(
         f"parameters-{trace.zone}",
-        "Parameters at the end",
         ("parameter", "unit", low, median, high, "lower bound", "upper bound", "kind"),
         tuple(rows),
+        "Parameters at the end",
         f"At {moment(trace, int(trace.looks[-1]))}. The bounds are those of the network; a learned parameter cannot "
         "leave them.",
     )

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
+import tomli_w
 
 from estimator import registry
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead import figures
-from replay.experiments.hours_ahead.contenders import (
-    BANK,
-    contenders,
-    jobs_of,
-)
+from replay.experiments.hours_ahead.contenders import BANK, contenders, jobs_of
 from replay.experiments.hours_ahead.figures import COVERAGE, CRPS, GAIN, LARGEST, LEARNED, LOSS, SCORES, key
 from replay.experiments.hours_ahead.forecasts import PERSISTENCE
 from replay.experiments.hours_ahead.horizons import EVERY, FIRST_DAYS, LATER, WINDOWS, leads_of
@@ -22,6 +20,7 @@ from replay.experiments.hours_ahead.runs import SAMPLES
 from replay.experiments.request import Request
 from replay.experiments.study import Contender, Results, Run, Study, targets
 from replay.localtime import DAY, HOUR
+from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report, Section
 from replay.reports.kit.table import Cell, Table
 from replay.reports.kit.verdict import Verdict, at_most, between
@@ -40,8 +39,14 @@ GAIN_OFF = 0.7
 """Share by which the gain that was learned of a building of EnergyPlus may be off."""
 _NEAR_THE_TRUTH = between(0.8, 1.2)
 
-Standing = tuple[str, float, float, str]
-"""A contender, the geometric mean and the largest of a ratio, and where it is largest."""
+
+class Standing(NamedTuple):
+    """A contender, the geometric mean and the largest of a ratio, and where it is largest."""
+
+    label: str
+    mean: float
+    worst: float
+    where: str
 
 
 def prepare(request: Request) -> Study:
@@ -72,75 +77,48 @@ def _report(
     request: Request,
     seeds: Sequence[int],
 ) -> Report:
-    compared = ranked(results, known, LATER)
-    first = ranked(results, known, FIRST_DAYS, PERSISTENCE)
-    found = verdicts(results, known)
-    sections = [
-        _done(results, known, request, seeds),
-        targets(
-            found,
-            "They are meant for whole recordings, default particles, five seeds and all contenders. Coverage takes "
-            "many forecasts: an honest 95 % interval misses one in twenty, and forecasts that overlap miss together.",
-        )
-        if found
-        else Section("Targets", ("The targets are those of the bank, which was not among the contenders.",)),
-        Section(
-            "Which forecast is best?",
-            (
-                "No single setting serves all horizons: what follows every sample closely drifts over a day. Compare "
-                "the columns row by row, and then how far a column is behind the best of its row at worst.",
-            ),
-            (
-                _ranking("ranking", "the best forecast of all", compared, LATER),
-                *(_across(results, known, score, LATER) for score in (CRPS, COVERAGE)),
-            ),
-        ),
-        Section(
-            "The first three days",
-            (
-                "Forecasts that were made and came true in the first three days: what somebody sees who has just "
-                "switched it on.",
-            ),
-            (
-                *([_ranking("first-three-days-over-persistence", "persistence", first, FIRST_DAYS)] if first else ()),
-                *(_across(results, known, score, FIRST_DAYS) for score in (CRPS, COVERAGE, LARGEST)),
-            ),
-        ),
-        *([_learned(results)] if any(recording.known is not None for recording in known.values()) else []),
-        _settings(results, known, entered, compared),
-    ]
-    lead = tuple(
-        f"{label}: over all recordings and horizons its CRPS is {mean:.2f} times that of the best forecast, chosen "
-        f"afterwards; at worst {worst:.2f} times ({where})."
-        for label, mean, worst, where in compared[:3]
-    )
-    return Report("Forecasts of the hours ahead", lead, tuple(sections), {"scores.csv": _in_full(results, known).csv()})
-
-
-def _done(results: Results, known: Mapping[str, Recording], request: Request, seeds: Sequence[int]) -> Section:
-    listed = "; ".join(
-        f"{one.name}: {one.what} ({len(one.series.times):,} samples every {one.period // 60} min, "
-        f"{float(one.series.times[-1] - one.series.times[0]) / DAY:.0f} days)"
+    compared, first = ranked(results, known, LATER), ranked(results, known, FIRST_DAYS, PERSISTENCE)
+    document, found = Document(__package__), verdicts(results, known)
+    listed = [
+        document.lines(
+            "Recording",
+            name=one.name,
+            what=one.what,
+            samples=len(one.series.times),
+            minutes=one.period // 60,
+            days=float(one.series.times[-1] - one.series.times[0]) / DAY,
+        )[0]
         for one in known.values()
-    )
+    ]
     taken = [results.values(name, label, "seconds") for name in known for label in results.contenders]
-    particles = "" if request.particles is None else f" RBPF with {request.particles:,} particles."
-    return Section(
-        "What was done",
-        (
-            f"Recordings: {listed}.",
-            "Every contender learned each building online from the recording and made forecasts on the way: of the "
-            f"next sample at every step, and of the hours ahead every {EVERY // HOUR} hours, under the inputs that "
-            "really followed. So a model is judged by what it makes of the weather and of the heating, not by how well "
-            "anybody foresaw them.",
-            f"Seeds: {', '.join(map(str, seeds))}, of the estimators; the recordings are the same for all. Figures are "
-            f"means over seeds ± standard deviation. What draws nothing ran once.{particles} One after the other, the "
-            f"runs of estimators took {sum(map(sum, taken)) / 60:.0f} minutes. Hours ahead, the particles of an RBPF "
-            f"are thinned to {SAMPLES}.",
-            "CRPS is in K and scores the whole distribution; for a point forecast it is the mean absolute error. "
-            "`scores.csv` has every score; docs/benchmark.md says who the contenders are.",
+    sections = [
+        document.section(
+            "What was done",
+            listed="; ".join(listed),
+            seeds=", ".join(map(str, seeds)),
+            particles="" if request.particles is None else f"RBPF with {request.particles:,} particles.",
+            every=EVERY // HOUR,
+            minutes=sum(map(sum, taken)) / 60,
+            thinned=SAMPLES,
         ),
-    )
+        targets(found, *document.lines("On the targets")) if found else document.section("Targets"),
+        document.section(
+            "Which forecast is best?",
+            _ranking("ranking", compared),
+            *(_across(results, known, score, LATER) for score in (CRPS, COVERAGE)),
+        ),
+        document.section(
+            "The first three days",
+            _ranking("first-three-days-over-persistence", first) if first else None,
+            *(_across(results, known, score, FIRST_DAYS) for score in (CRPS, COVERAGE, LARGEST)),
+        ),
+    ]
+    if any(recording.known is not None for recording in known.values()):
+        sections.append(document.section("Is what was learned true?", results.table("truth", LEARNED)))
+    sections.append(_settings(document, results, known, entered, compared))
+    lead = [line for standing in compared[:3] for line in document.lines("Lead", **standing._asdict())]
+    files = {"scores.csv": _in_full(results, known).csv()}
+    return Report(document.title, tuple(lead), tuple(sections), files)
 
 
 def verdicts(results: Results, known: Mapping[str, Recording]) -> list[Verdict]:
@@ -202,77 +180,52 @@ def ranked(results: Results, known: Mapping[str, Recording], window: str, over: 
                 for label, value in crps.items():
                     found[label][f"{name}, {horizon}"] = value / base
     standings = [
-        (label, _geometric(list(cells.values()))[0], max(cells.values()), max(cells, key=cells.__getitem__))
+        Standing(label, _geometric(list(cells.values()))[0], max(cells.values()), max(cells, key=cells.__getitem__))
         for label, cells in found.items()
         if cells
     ]
-    return sorted(standings, key=lambda standing: standing[1])
+    return sorted(standings, key=lambda standing: standing.mean)
 
 
-def _ranking(name: str, over: str, standings: Sequence[Standing], window: str) -> Table:
-    heading = ("forecast", "geometric mean", "worst", "where it is worst")
-    return Table(name, f"CRPS over that of {over}, {window}", heading, tuple(standings))
-
-
-_SCORE_TABLES = {
-    CRPS: ("crps", "CRPS, K"),
-    COVERAGE: ("coverage", "Coverage of the 95 % interval"),
-    LARGEST: ("largest-error", "Largest error of the mean, K"),
-}
+def _ranking(name: str, standings: Sequence[Standing]) -> Table:
+    return Table(name, ("forecast", "geometric mean", "worst", "where it is worst"), tuple(standings))
 
 
 def _across(results: Results, known: Mapping[str, Recording], score: str, window: str) -> Table:
     """A score of every recording and horizon that any of them has, by contender."""
     horizons = dict.fromkeys(horizon for recording in known.values() for horizon in leads_of(recording.period))
-    name, title = _SCORE_TABLES[score]
+    name = {CRPS: "crps", COVERAGE: "coverage", LARGEST: "largest-error"}[score]
     figures = {horizon: key(score, horizon, window) for horizon in horizons}
-    return results.across(f"{name}-{window.replace(' ', '-')}", f"{title}, {window}", figures, "ahead")
-
-
-def _learned(results: Results) -> Section:
-    return Section(
-        "Is what was learned true?",
-        (
-            "EnergyPlus knows what its rooms lose, and what nobody measures there: heat of people, equipment and "
-            "lights, and what open windows take away.",
-        ),
-        (
-            results.table(
-                "truth",
-                "What was learned after three weeks, against EnergyPlus",
-                LEARNED,
-                note="Heat loss: the learned one over that of a co-heating test in EnergyPlus; 1 is right. Gain: "
-                "unmeasured heat in the week after; an error of 0 is right, and that of saying that there is none "
-                "is 1.",
-            ),
-        ),
-    )
+    return results.across(f"{name}-{window.replace(' ', '-')}", figures, "ahead")
 
 
 def _settings(
-    results: Results, known: Mapping[str, Recording], entered: Sequence[Contender], compared: Sequence[Standing]
+    document: Document,
+    results: Results,
+    known: Mapping[str, Recording],
+    entered: Sequence[Contender],
+    compared: Sequence[Standing],
 ) -> Section:
+    """The best estimator of Thermogate as the configuration has it."""
     online = {one.label: one for one in entered if one.estimator in registry.ESTIMATORS}
-    standing = next((one for one in compared if one[0] in online), None)
+    standing = next((one for one in compared if one.label in online), None)
     if standing is None:
-        return Section("What to set", ("No estimator of Thermogate was scored.",))
-    label, mean, worst, where = standing
-    options = [f"{name} = {_toml(value)}" for name, value in online[label].options.items()]
-    table = ["[[zones]]", f'estimator = "{online[label].estimator}"']
-    paragraphs = [
-        f"On these recordings the estimator to plan with is {label}: its CRPS is {mean:.2f} times that of the best "
-        f"forecast over all horizons, at worst {worst:.2f} times ({where}).",
-        "\n".join(["```", *table, *(["", "[zones.estimator_options]", *options] if options else []), "```"]),
-    ]
-    narrow = [
+        return document.section("Nothing to set")._replace(title="What to set")
+    contender = online[standing.label]
+    zone: dict[str, object] = {"estimator": contender.estimator}
+    zone |= {"estimator_options": dict(contender.options)} if contender.options else {}
+    narrow = ", ".join(
         f"{name}, {horizon} ({100 * share:.0f} %)"
         for name, recording in known.items()
         for horizon in leads_of(recording.period)
-        if (share := results.mean(name, label, key(COVERAGE, horizon))) < 0.9
-    ]
-    if narrow:
-        paragraphs.append(f"Keep a margin where its 95 % interval covered less than 90 %: {', '.join(narrow)}.")
-    return Section("What to set", tuple(paragraphs))
+        if (share := results.mean(name, standing.label, key(COVERAGE, horizon))) < 0.9
+    )
+    return document.section(
+        "What to set",
+        **standing._asdict(),
+        toml=f"```\n{tomli_w.dumps({'zones': [zone]})}```",
+        narrow=f"Keep a margin where its 95 % interval covered less than 90 %: {narrow}." if narrow else "",
+    )
 
 
 def _in_full(results: Results, known: Mapping[str, Recording]) -> Table:
@@ -285,8 +238,4 @@ def _in_full(results: Results, known: Mapping[str, Recording]) -> Table:
                     cells = [results.spread(name, label, key(score, horizon, window)) for score in SCORES]
                     if any(cell is not None for cell in cells):
                         rows.append((name, window, horizon, label, *cells))
-    return Table("scores", "All scores", ("recording", "window", "ahead", "forecast", *SCORES), tuple(rows))
-
-
-def _toml(value: object) -> str:
-    return f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else str(value)
+    return Table("scores", ("recording", "window", "ahead", "forecast", *SCORES), tuple(rows))

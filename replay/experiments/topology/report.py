@@ -14,7 +14,8 @@ from replay.experiments.topology.fit import KNOWN, SHORTEST
 from replay.experiments.topology.ranking import COMPARABLE, Fitted
 from replay.experiments.topology.toml import AROUND, network_toml, proposal
 from replay.localtime import DAY, HOUR
-from replay.reports.kit.report import Report, Section
+from replay.reports.kit.document import Document
+from replay.reports.kit.report import Report
 from replay.reports.kit.table import Cell, Table
 from replay.scores.windows import Window
 
@@ -68,28 +69,54 @@ class Outcome(NamedTuple):
 
 def report(outcomes: Sequence[Outcome]) -> Report:
     """The report of all recordings."""
-    tomls = [outcome.toml for outcome in outcomes]
-    sections = [_done(outcomes)]
-    for outcome, toml in zip(outcomes, tomls, strict=True):
-        sections += [_ranking(outcome), _configure(outcome, toml)]
-    return Report(
-        "Which RC network to take",
-        tuple(sentence for outcome in outcomes for sentence in _lead(outcome)),
-        (*sections, _LIMITS),
-        {f"network-{outcome.recording.name}.toml": toml for outcome, toml in zip(outcomes, tomls, strict=True)},
-    )
-
-
-def _lead(outcome: Outcome) -> list[str]:
-    taken, name = outcome.taken, outcome.recording.name
-    found = [f"{name}: take {taken.candidate.name}, {_described(taken)}. {_why(outcome)}"]
-    if taken.at_bound:
-        found.append(
-            f"{name}: the recording does not determine {', '.join(taken.at_bound)} of it: they ended at an end of "
-            "their box. A recording with more heating and weather in it would help, or wider bounds where the building "
-            "warrants them."
+    document, lead, done, sections, files = Document(__package__), list[str](), list[str](), [], {}
+    for outcome in outcomes:
+        name, what, record, _, zone, _ = outcome.recording
+        taken, scores = outcome.taken, outcome.taken.scores
+        span = float(record.times[-1] - record.times[0] + record.period)
+        said = {"name": name, "network": taken.candidate.name, "why": _why(outcome)}
+        lines = document.lines(
+            "Lead", **said, described=_described(taken), at_bound=", ".join(taken.at_bound) or "nothing"
         )
-    return found
+        lead += lines if taken.at_bound else lines[:1]
+        done += document.lines(
+            "Recording",
+            name=name,
+            what=what,
+            zone=zone,
+            days=span / DAY,
+            minutes=record.period // 60,
+            used=100 * sum(end - begin for begin, end in outcome.windows) * record.period / span,
+            pieces=len(outcome.windows),
+            shortest=SHORTEST // HOUR,
+            nights=scores.nights,
+            mornings=scores.days,
+        )
+        files[f"network-{name}.toml"] = toml = outcome.toml
+        standin = outcome.recording.place is None
+        own = [
+            f"Your own ({entry.candidate.name}) loses {100 * entry.loss:.0f} % on average."
+            for entry in outcome.ranked
+            if entry.candidate.label == OWN and entry is not taken
+        ]
+        rows = tuple(tuple(cell(entry) for cell in COLUMNS.values()) for entry in outcome.ranked)
+        quoted = TABLE_3 if standin else ()
+        sections.append(
+            document.section(
+                "{name}: the candidates",
+                Table(f"ranking-{name}", tuple(COLUMNS), rows + quoted, quoted=len(quoted)),
+                cross_correlation(name, outcome.ranked),
+                **said,
+                own=" ".join(own),
+                standin=document.lines("Stand-in")[0] if standin else "",
+            )
+        )
+        configured = {"around": AROUND, "toml": f"```{toml}```"}
+        sections.append(document.section("{name}: what to set", _parameters(outcome), **said, **configured))
+    method = document.section("What was done", known=100 * KNOWN, comparable=100 * COMPARABLE)
+    method = method._replace(paragraphs=(*done, *method.paragraphs))
+    limits = document.section("How far to trust this")
+    return Report(document.title, tuple(lead), (method, *sections, limits), files)
 
 
 def _described(entry: Fitted) -> str:
@@ -115,57 +142,6 @@ def _why(outcome: Outcome) -> str:
     )
 
 
-def _done(outcomes: Sequence[Outcome]) -> Section:
-    lines = []
-    for outcome in outcomes:
-        name, what, record, _, zone, *_ = outcome.recording
-        span, scores = float(record.times[-1] - record.times[0] + record.period), outcome.taken.scores
-        used = sum(end - begin for begin, end in outcome.windows) * record.period / span
-        lines.append(
-            f"`{name}`: {what}. {span / DAY:.1f} days, a sample every {record.period // 60} min; {100 * used:.0f} % of "
-            f"them in {len(outcome.windows)} unbroken pieces of at least {SHORTEST // HOUR} h. Local time is {zone}: "
-            f"{scores.nights} complete nights (20:00 to 06:00), {scores.days} complete days (07:00 to 17:00)."
-        )
-    return Section(
-        "What was done",
-        (
-            *lines,
-            "Every candidate was fitted by least squares on the open-loop error, from several starts, the best of "
-            "which counts; where a piece begins, the temperatures that nobody measures are fitted too. Each fit was "
-            "then restarted at every night and every day, and repeated on the first "
-            f"{100 * KNOWN:.0f} % of the data, to run through the rest (held-out RMSE).",
-            "Taken is the network with the fewest free parameters, of equals that with the fewest at a bound, among "
-            f"those whose loss is at most {100 * COMPARABLE:.0f} percent points above the smallest: the paper's rule, "
-            "that errors which are comparable do not justify another hidden state, as a number.",
-        ),
-    )
-
-
-def _ranking(outcome: Outcome) -> Section:
-    taken, name, standin = outcome.taken, outcome.recording.name, outcome.recording.place is None
-    text = f"The network to take is {taken.candidate.name}. {_why(outcome)}"
-    for entry in outcome.ranked:
-        if entry.candidate.label == OWN and entry is not taken:
-            text += f" Your own ({entry.candidate.name}) loses {100 * entry.loss:.0f} % on average."
-    if standin:
-        text += (
-            " This recording is simulated, with heat that no channel brings. A larger network that fits better has "
-            "learned to pass such heat off as its own: this is a trial of the method, no finding about Ecolar Home."
-        )
-    rows = tuple(tuple(cell(entry) for cell in COLUMNS.values()) for entry in outcome.ranked)
-    quoted = TABLE_3 if standin else ()
-    ranking = Table(
-        f"ranking-{name}",
-        f"Candidates, {name}",
-        tuple(COLUMNS),
-        rows + quoted,
-        "The first row is the network to take, the others follow by loss: how far train RMSE, night MAE and "
-        "held-out RMSE lie above the best candidate in each, on geometric average.",
-        quoted=len(quoted),
-    )
-    return Section(f"{name}: the candidates", (text,), (ranking, cross_correlation(name, outcome.ranked)))
-
-
 def cross_correlation(name: str, ranked: Sequence[Fitted]) -> Table:
     """J_xcorr of every candidate and input channel."""
     # A second measured node of the user's own network is no input, though the others do not measure it.
@@ -173,48 +149,18 @@ def cross_correlation(name: str, ranked: Sequence[Fitted]) -> Table:
     channels = tuple(channel for channel in scored[0] if all(channel in one for one in scored))
     return Table(
         f"cross-correlation-{name}",
-        f"J_xcorr: what of each input is left in the residual, {name}",
         ("network", *channels),
         tuple((entry.candidate.name, *(entry.scores.j_xcorr[channel] for channel in channels)) for entry in ranked),
-        "Sums of squared correlations over lags up to six hours.",
     )
 
 
-def _configure(outcome: Outcome, toml: str) -> Section:
-    name, taken, rows = outcome.recording.name, outcome.taken, []
+def _parameters(outcome: Outcome) -> Table:
+    """What was fitted for the network to take."""
+    taken, rows = outcome.taken, []
     fitted = outcome.fits[taken.candidate.name]["theta"].tolist()
     for parameter, value in zip(taken.candidate.network.parameters, fitted, strict=True):
         end = "lower end" if value < (parameter.lower * parameter.upper) ** 0.5 else "upper end"
         ended = end if parameter.name in taken.at_bound else "inside" if parameter.free else "held"
         rows.append((parameter.name, parameter.unit, value, parameter.lower, parameter.upper, ended))
-    table = Table(
-        f"parameters-{name}",
-        f"Parameters of {taken.candidate.name}, {name}",
-        ("parameter", "unit", "fitted", "lower bound", "upper bound", "where it ended"),
-        tuple(rows),
-        "A parameter at an end of its box: the box is too narrow, or the data say nothing about it. A capacitance at "
-        "its lower end means a node that is not there, a conductance at its upper end two nodes that are one.",
-    )
-    return Section(
-        f"{name}: what to set",
-        (
-            "Put this into the zone's table, check it with `thermogate check`, and start the zone anew with "
-            f"`thermogate run --reset`. Boxes reach from a {AROUND:.0f}th to {AROUND:.0f} times the fitted value, wide "
-            "enough for the estimator to correct what the fit took from heat that nobody measured; parameters that "
-            "the data could not place keep their whole box.",
-            f"```{toml}```",
-        ),
-        (table,),
-    )
-
-
-_LIMITS = Section(
-    "How far to trust this",
-    (
-        "Least squares knows no disturbances: whatever heats the room unmeasured is explained by the parameters as far "
-        "as they can. So the fit chooses the structure and the middle of the boxes; the parameters themselves are for "
-        "the online estimator to learn.",
-        "The open-loop error has several minima: a large network that fits worse than a small one that it contains is "
-        "a minimum missed, not a finding.",
-    ),
-)
+    head = ("parameter", "unit", "fitted", "lower bound", "upper bound", "where it ended")
+    return Table(f"parameters-{outcome.recording.name}", head, tuple(rows))

@@ -25,7 +25,8 @@ from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
 from replay.experiments.request import Request
 from replay.experiments.study import Figures, Results, Run, Study
-from replay.reports.kit.report import Report, Section
+from replay.reports.kit.document import Document
+from replay.reports.kit.report import Report
 from replay.reports.kit.table import Cell, Table
 
 PERIOD = round(STEP)
@@ -162,28 +163,11 @@ def _report(results: Results) -> Report:
 
     figures = (*WITHIN, NAMED)
     rows: list[tuple[Cell, ...]] = [(lie, *(over(lie, figure) for figure in figures)) for lie in LIES]
-    early = sum(over(lie, figures[0]) >= 0.5 for lie in LIES)
+    early, document = sum(over(lie, figures[0]) >= 0.5 for lie in LIES), Document(__package__, "lies.md")
+    done = {"recordings": ", ".join(results.recordings), "true": TRUE_DAYS, "lying": LYING_DAYS, "onset": ONSETS[-1]}
+    lies, truth = Table("lies", ("lie", *figures), tuple(rows)), results.table("truth", [ALARMS], contenders=[NOTHING])
     return Report(
-        "Telemetry that lies",
-        (
-            f"Of {len(LIES)} lies {early} are found within 12 h in half of the cases or more.",
-            f"Where nothing lies, something is suspected {over(NOTHING, ALARMS):.2g} times in 60 days of a room.",
-        ),
-        (
-            Section(
-                "What was done",
-                (
-                    f"Rooms of {', '.join(results.recordings)} with people told the truth for {TRUE_DAYS} days and "
-                    f"lied for {LYING_DAYS}, from midnight on or from {ONSETS[-1]} h. A look was taken every hour.",
-                ),
-            ),
-            Section(
-                "What is found",
-                (),
-                (
-                    Table("lies", "Share of cases in which a lie was found", ("lie", *figures), tuple(rows)),
-                    results.table("truth", "Alarms without a lie", [ALARMS], contenders=[NOTHING]),
-                ),
-            ),
-        ),
+        document.title,
+        document.lines("Lead", lies=len(LIES), early=early, alarms=over(NOTHING, ALARMS)),
+        (document.section("What was done", **done), document.section("What is found", lies, truth)),
     )

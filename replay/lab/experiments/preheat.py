@@ -25,7 +25,8 @@ from replay.lab.experiments.control.experiment import USUAL, WEATHER
 from replay.lab.experiments.control.loop import Moment, close
 from replay.lab.experiments.control.site import inputs_of, networks_of
 from replay.localtime import DAY, HOUR
-from replay.reports.kit.report import Report, Section
+from replay.reports.kit.document import Document
+from replay.reports.kit.report import Report
 from replay.scores.intervals import Mask
 from service.forecast.heating import PreheatQuestion
 from service.records.sample import Sample
@@ -169,22 +170,19 @@ def _figures(arrays: Arrays) -> Figures:
 
 
 def _report(results: Results) -> Report:
-    columns = (MORNINGS, STARTS, IN_TIME, PROMISED, EARLY)
-    lead = tuple(
-        f"{name}: asked for {PROBABILITY:.0%}, in time on {results.mean(name, 'bank', IN_TIME):.0%} of "
-        f"{results.mean(name, 'bank', MORNINGS):.0f} mornings, {results.mean(name, 'bank', EARLY):.0f} min too early."
+    document = Document(__package__, "preheat.md")
+    lead = [
+        line
         for name in results.recordings
-    )
-    done = (
-        "Relays keep the set-points of people who come, go and open windows. At midnight every room is asked when to "
-        f"start, to be at most {TOLERANCE} K below its set-point when its day begins, and starts then, at once where "
-        f"there is no start. A sample is {PERIOD // 60} min. Too early is the time since the room was warm first."
-    )
-    return Report(
-        "When to start heating",
-        lead,
-        (
-            Section("What was done", (done,)),
-            Section("What came out", (), (results.table("preheat", "Mornings", columns),)),
-        ),
-    )
+        for line in document.lines(
+            "Lead",
+            name=name,
+            asked=PROBABILITY,
+            in_time=results.mean(name, "bank", IN_TIME),
+            mornings=results.mean(name, "bank", MORNINGS),
+            early=results.mean(name, "bank", EARLY),
+        )
+    ]
+    done = document.section("What was done", tolerance=TOLERANCE, period=PERIOD // 60)
+    table = results.table("preheat", (MORNINGS, STARTS, IN_TIME, PROMISED, EARLY))
+    return Report(document.title, tuple(lead), (done, document.section("What came out", table)))

@@ -21,7 +21,8 @@ from replay.lab.experiments.semi_synthetic.building import (
     key,
     study,
 )
-from replay.reports.kit.report import Report, Section
+from replay.reports.kit.document import Document
+from replay.reports.kit.report import Report
 from replay.reports.kit.table import Table
 from replay.simulated.semi_synthetic import MEASUREMENT_NOISE_SD
 
@@ -75,44 +76,22 @@ def prepare(request: Request) -> Study:
 
 
 def _report(results: Results, ready: Ready) -> Report:
-    done = (
-        f"The building of the semi-synthetic experiment, over {ready.weather}, was learned again and again with one "
-        "setting changed at a time; figures are means over seeds ± standard deviation. The paper's findings stand in "
-        "the last column; its coverages and widths are of the `filtered` convention."
-    )
-    return Report(
-        "Sensitivity of the particle filter",
-        tuple(_most(results, base) for base in results.recordings),
-        (
-            Section("What was done", (done,)),
-            *(Section(f"Settings around '{base}'", (), (_table(results, base),)) for base in results.recordings),
-        ),
-    )
-
-
-def _table(results: Results, base: str) -> Table:
-    rows = (
-        (
-            label,
-            *(results.spread(base, label, figure) for figure in COLUMNS.values()),
-            next((said for begin, said in PUBLISHED["sensitivity"].items() if label.startswith(begin)), None),
+    document, lead, sections = Document(__package__, "sensitivity.md"), list[str](), []
+    for base in results.recordings:
+        winkler = {label: results.mean(base, label, WINKLER) for label in results.contenders}
+        as_is = winkler["as it is"]
+        far = max(winkler, key=lambda label: abs(winkler[label] - as_is))
+        lead += document.lines("Lead", base=base, as_is=as_is, far=far, changed=winkler[far])
+        rows = (
+            (
+                label,
+                *(results.spread(base, label, figure) for figure in COLUMNS.values()),
+                next((said for begin, said in PUBLISHED["sensitivity"].items() if label.startswith(begin)), None),
+            )
+            for label in results.contenders
         )
-        for label in results.contenders
-    )
-    return Table(
-        f"sensitivity-{base.split(',')[0]}",
-        f"Around '{base}', one thing changed at a time (5.1.5)",
-        ("changed", *COLUMNS, "paper"),
-        tuple(rows),
-        "Open-loop RMSE: median over low-disturbance segments of at least 12 h, final parameters.",
-    )
-
-
-def _most(results: Results, base: str) -> str:
-    winkler = {label: results.mean(base, label, WINKLER) for label in results.contenders}
-    as_is = winkler["as it is"]
-    far = max(winkler, key=lambda label: abs(winkler[label] - as_is))
-    return (
-        f"Around '{base}' the one-step Winkler score of {as_is:.3f} K changes most with '{far}': to "
-        f"{winkler[far]:.3f} K."
-    )
+        name = base.split(",")[0]
+        table = Table(f"sensitivity-{name}", ("changed", *COLUMNS, "paper"), tuple(rows))
+        sections.append(document.section("Settings around '{base}'", table, base=base, name=name))
+    done = document.section("What was done", weather=ready.weather)
+    return Report(document.title, tuple(lead), (done, *sections))

@@ -40,9 +40,9 @@ class Table:
     """Rows of cells under `columns`; `name` becomes the file's, `note` says what the reader must know beside it."""
 
     name: str
-    title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
+    title: str = ""
     note: str = ""
     quoted: int = 0
     """How many rows at the end are published figures, not of this run."""

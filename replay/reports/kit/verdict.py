@@ -62,11 +62,11 @@ def verdict_table(verdicts: Sequence[Verdict]) -> Table:
     marks = {True: "met", False: "missed", None: "open"}
     return Table(
         "verdicts",
-        "Targets",
         ("target", "wanted", "found (mean ± sd over seeds)", "verdict", "missed by"),
         tuple(
             (v.target, v.wanted, v.found, marks[v.met], None if v.off is None else f"{100 * v.off:.1f} %")
             for v in verdicts
         ),
+        "Targets",
         "A verdict holds for the mean over the seeds; 'open' means that this run did not include what it takes.",
     )

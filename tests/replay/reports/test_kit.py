@@ -6,21 +6,23 @@ import csv
 import io
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import plotly.graph_objects as go
 import pytest
 
 from replay.errors import ReplayError
+from replay.reports.kit.document import Document
 from replay.reports.kit.report import Plot, Report, Section, write_report
 from replay.reports.kit.table import Spread, Table, number, spread
 from replay.reports.kit.verdict import Wanted, at_least, at_most, between, near, verdict_table
 
 TABLE = Table(
     "scores",
-    "Scores <of> all",
     ("estimator", "RMSE, K", "runs"),
     (("a | b", spread([1.0, 2.0, 3.0]), 3), ("paper", 0.088, None), ("<none>", math.nan, 0)),
+    "Scores <of> all",
     "A note.",
     quoted=1,
 )
@@ -59,7 +61,7 @@ def test_html_escapes_what_would_break_it() -> None:
 
 def test_a_row_of_another_length_is_refused() -> None:
     with pytest.raises(ValueError, match="a row of 1 cells under 2 columns"):
-        Table("t", "T", ("a", "b"), ((1,),))
+        Table("t", ("a", "b"), ((1,),))
 
 
 @pytest.mark.parametrize(
@@ -100,3 +102,20 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ReplayError, match=r"--out .*file.*; choose another folder"):
         write_report(Report("T", (), ()), tmp_path / "file" / "out")
+
+
+def test_the_words_of_a_report_are_a_document_with_figures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "words").mkdir()
+    (tmp_path / "words" / "__init__.py").write_text("")
+    (tmp_path / "words" / "report.md").write_text(
+        "# A title\n\n## {name}: first\n\nSaid over\ntwo lines of {name}.\n\n{nothing}\n\n"
+        "[[scores]] All of {name}\nA\nnote.\n\n[[other]] None\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    document = Document("words")
+    section = document.section("{name}: first", TABLE, None, name="x", nothing="")
+    assert (document.title, section.title) == ("A title", "x: first")
+    assert section.paragraphs == ("Said over two lines of x.",)
+    assert [(table.name, table.title, table.note) for table in section.tables] == [("scores", "All of x", "A note.")]
+    with pytest.raises(AssertionError, match="has no place for third"):
+        document.section("{name}: first", replace(TABLE, name="third"), name="x", nothing="")

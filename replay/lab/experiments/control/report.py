@@ -11,7 +11,8 @@ from replay.lab.experiments.control.cases import CASES, PRICES, UNDISTURBED, WAR
 from replay.lab.experiments.control.perfect import PASSES
 from replay.lab.experiments.control.runs import CONTROLLERS, ESTIMATOR, PERFECT, THERMOGATE, THERMOSTAT, UNTRUSTING
 from replay.lab.experiments.control.scores import Scores, share_of_the_way
-from replay.reports.kit.report import Report, Section
+from replay.reports.kit.document import Document
+from replay.reports.kit.report import Report
 from replay.reports.kit.table import Cell, Table, spread
 from replay.reports.kit.verdict import Verdict, at_least, at_most
 
@@ -28,6 +29,7 @@ _COLUMNS = {
     "switched on, per room and day": "switches",
     "share of time under a thermostat": "fallback",
 }
+_COMPARED = (THERMOGATE, THERMOSTAT)
 _ON_THE_WAY = [label for label in CONTROLLERS if label not in (THERMOSTAT, PERFECT)]
 
 
@@ -38,34 +40,36 @@ def figures(scores: Scores) -> Figures:
 
 def report(results: Results, scenes: Mapping[str, Scene], every: Sequence[Scene]) -> Report:
     """The report; `scenes` has one scene of each recording, a building in a case, and `every` those of all seeds."""
-    compared = [name for name, scene in scenes.items() if scene.case == UNDISTURBED]
+    document, lead = Document(__package__), list[str]()
+    for name in scenes:
+        ours, usual = ({of: results.spread(name, label, of) for of in ("cost", DISCOMFORT)} for label in _COMPARED)
+        figures = {"cost": ours["cost"], "discomfort": ours[DISCOMFORT]}
+        lead += document.lines("Lead", name=name, **figures, usual=usual["cost"], uncomfortable=usual[DISCOMFORT])
     rows: list[tuple[Cell, ...]] = [
         (name, *(spread(found) if (found := shares(results, name, label)) else None for label in _ON_THE_WAY))
-        for name in compared
+        for name, scene in scenes.items()
+        if scene.case == UNDISTURBED
     ]
-    way = Table(
-        "share-of-the-way",
-        "Share of the way from the thermostat to perfect knowledge, in cost at the controller's own discomfort",
-        ("recording", *_ON_THE_WAY),
-        tuple(rows),
+    buildings, cases = {scene.building: scene for scene in every}, {scene.case for scene in every}
+    done = document.section(
+        "What was done",
+        buildings="; ".join(f"{name}: {one.of.what}, weather of {one.weather}" for name, one in buildings.items()),
+        history=max(scene.days - scene.controlled for scene in every),
+        controlled=every[0].controlled,
+        seeds=", ".join(map(str, dict.fromkeys(scene.seed for scene in every))),
+        cases=" ".join(f"{name}: {text}" for name, text in CASES.items() if name in cases),
+        tariff=", ".join(f"{name} {price:.2f}" for name, price in PRICES.items()),
+        warmest=WARMEST,
+        estimator=ESTIMATOR,
+        passes=PASSES,
     )
-    each = results.table(
-        "controllers", "Every controller at its usual setting", _COLUMNS, contenders=CONTROLLERS, heading="controller"
+    came_out = document.section(
+        "What came out",
+        Table("share-of-the-way", ("recording", *_ON_THE_WAY), tuple(rows)) if rows else None,
+        results.table("controllers", _COLUMNS, contenders=CONTROLLERS, heading="controller"),
     )
-    return Report(
-        "The loop closed",
-        tuple(
-            f"{name}: Thermogate's controller pays {results.spread(name, THERMOGATE, 'cost')} at a discomfort of "
-            f"{results.spread(name, THERMOGATE, DISCOMFORT)} K h, the thermostat "
-            f"{results.spread(name, THERMOSTAT, 'cost')} at {results.spread(name, THERMOSTAT, DISCOMFORT)} K h."
-            for name in scenes
-        ),
-        (
-            _done(every),
-            targets(verdicts(results, scenes), "They are meant for four controlled weeks."),
-            Section("What came out", (), (*((way,) if compared else ()), each)),
-        ),
-    )
+    target = targets(verdicts(results, scenes), "They are meant for four controlled weeks.")
+    return Report(document.title, tuple(lead), (done, target, came_out))
 
 
 def shares(results: Results, recording: str, controller: str) -> list[float]:
@@ -105,23 +109,3 @@ def verdicts(results: Results, scenes: Mapping[str, Scene]) -> list[Verdict]:
             ratios = [mine / max(its, 1e-9) for mine, its in zip(own, others, strict=True)]
             found.append(at_most(1.0).judge(f"{name}: discomfort over {said}", ratios))
     return found
-
-
-def _done(scenes: Sequence[Scene]) -> Section:
-    buildings = {scene.building: scene for scene in scenes}
-    listed = "; ".join(f"{scene.building}: {scene.of.what}, weather of {scene.weather}" for scene in buildings.values())
-    cases, seeds = {scene.case for scene in scenes}, dict.fromkeys(scene.seed for scene in scenes)
-    history = max(scene.days - scene.controlled for scene in scenes)
-    tariff = ", ".join(f"{name} {price:.2f}" for name, price in PRICES.items())
-    return Section(
-        "What was done",
-        (
-            f"Buildings: {listed}. A thermostat heats for {history} days, then each controller for "
-            f"{scenes[0].controlled} days, which are scored. Seeds {', '.join(map(str, seeds))}, of people, "
-            "thermometers and estimators.",
-            *(f"{name}: {CASES[name]}" for name in CASES if name in cases),
-            f"A kWh costs by tariff: {tariff}. Comfort is from the set-point of the room to {WARMEST:.0f} degC; "
-            f"Thermogate is `{ESTIMATOR}` with its defaults, and perfect knowledge {PASSES} passes over the same "
-            "period. docs/experiments.md says more.",
-        ),
-    )

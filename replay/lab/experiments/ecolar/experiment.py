@@ -22,8 +22,8 @@ from replay.lab.experiments.ecolar.nights import DAYTIME, NightRun, score_nights
 from replay.lab.experiments.ecolar.standins import PERIODS, configuration
 from replay.lab.experiments.published import PUBLISHED
 from replay.localtime import DAY, HOUR, wall_clock
-from replay.reports.kit.report import Report, Section
-from replay.reports.kit.table import Table
+from replay.reports.kit.document import Document
+from replay.reports.kit.report import Report
 from replay.scores.intervals import interval_scores, rmse
 from replay.simulated.ecolar import ZONE, write_standin
 
@@ -111,91 +111,55 @@ def figures(series: Series, arrays: Arrays) -> Figures:
 
 
 def _report(results: Results, real: bool, periods: Mapping[str, Series]) -> Report:
+    document, lead = Document(__package__), list[str]()
+    for name in periods:
+        lead += document.lines(
+            "Lead",
+            name=name,
+            best=BEST,
+            inside=100 * results.mean(name, BEST, "one_step coverage"),
+            online=results.spread(name, BEST, "median, final"),
+            offline=results.spread(name, LEAST_SQUARES, "median, final"),
+        )
     told = "; ".join(
         f"{name}: {len(series.times):,} complete samples in {int(series.starts.sum())} segments"
         for name, series in periods.items()
     )
-    source = (
-        "recorded data"
-        if real
-        else "synthetic stand-ins for the two recordings of the paper: a zone with five switched heaters, an adjacent "
-        "room, irregular staff, doors, and sun through a shaded façade that no sensor sees"
-    )
-    lead = [
-        f"{name}: {100 * results.mean(name, BEST, 'one_step coverage'):.1f} % of the temperatures fell into the 95 % "
-        f"interval published five minutes before. Simulated through a whole night without measurements, the model of "
-        f"{BEST} is off by {results.spread(name, BEST, 'median, final')} K (median), one fitted offline to the same "
-        f"weeks by {results.spread(name, LEAST_SQUARES, 'median, final')} K."
-        for name in periods
-    ]
-    return Report(
-        "Ecolar Home",
-        tuple(lead),
-        (
-            Section(
-                "What was done",
-                (
-                    f"Every estimator learned the zone online from {source}; {told}. Nothing is known of the true "
-                    "parameters, so the models are judged by what they forecast. Figures are means over the seeds of "
-                    "the estimators ± standard deviation. `filtered` intervals are of the state after the measurement, "
-                    "against that same measurement, as in the paper's table 7; they say little about forecasts.",
-                ),
+    of = PUBLISHED["ecolar_calibration"]
+    quoted = (of["coverage"], None, None, of["width"], None, of["rmse"])
+    sections = (
+        document.section("What was done", told=told, source="recorded data" if real else STANDINS),
+        document.section(
+            "Can the intervals be trusted? (Table 7)",
+            *(
+                results.table(
+                    f"ecolar-calibration-{one.replace('_', '-')}",
+                    {name: f"{one} {name}" for name in _CALIBRATION},
+                    quoted={_TABLE_7: quoted} if one == "filtered" else {},
+                )
+                for one in CONVENTIONS
             ),
-            Section(
-                "Can the intervals be trusted? (Table 7)",
-                ("By day (07:00 to 16:00) sun and people act that the model does not see.",),
-                (
-                    *(_calibration(results, convention) for convention in CONVENTIONS),
-                    results.table(
-                        "ecolar-alpha",
-                        "Median of alpha (Fig. 8)",
-                        {name: f"median alpha, {name}" for name in ("by day", "otherwise")},
-                        note="Where it stands higher by day there is heat that a sensor could see: sun on the façade, "
-                        "doors, people.",
-                    ),
-                ),
-            ),
-            Section(
-                "Is the model good for planning a night? (Table 8)",
-                (
-                    "From 20:00 to 06:00, with frozen parameters and no measurement. Every model starts from the state "
-                    "of a Kalman filter with its own parameters over the day before. 'Final' parameters have seen the "
-                    "whole period, as in the paper; 'evening' ones only what came before the night.",
-                ),
-                (
-                    results.table(
-                        "ecolar-nights",
-                        "Open-loop RMSE of the nights (Table 8), K",
-                        {"standard deviation, final" if name.startswith("sd") else name: name for name in _NIGHTS},
-                        quoted={label: (*both, None) for label, both in PUBLISHED["ecolar_nights"].items()},
-                        note="Only nights without a gap. Published figures are of the real recordings.",
-                    ),
-                ),
+            results.table("ecolar-alpha", {name: f"median alpha, {name}" for name in ("by day", "otherwise")}),
+        ),
+        document.section(
+            "Is the model good for planning a night? (Table 8)",
+            results.table(
+                "ecolar-nights",
+                {"standard deviation, final" if name.startswith("sd") else name: name for name in _NIGHTS},
+                quoted={label: (*both, None) for label, both in PUBLISHED["ecolar_nights"].items()},
             ),
         ),
     )
+    return Report(document.title, tuple(lead), sections)
 
 
+STANDINS = (
+    "synthetic stand-ins for the two recordings of the paper: a zone with five switched heaters, an adjacent room, "
+    "irregular staff, doors, and sun through a shaded façade that no sensor sees"
+)
+_CALIBRATION = ("coverage", "by day", "otherwise", "width, K", "Winkler, K", "RMSE, K")
+_TABLE_7 = "RBPF, paper (Table 7), real recordings, both periods"
 _NIGHTS = ("median, final", "sd, final", "median, evening")
-
-
-def _calibration(results: Results, convention: str) -> Table:
-    names = ("coverage", "by day", "otherwise", "width, K", "Winkler, K", "RMSE, K")
-    of = PUBLISHED["ecolar_calibration"]
-    quoted = {
-        "RBPF, paper (Table 7), real recordings, both periods": (
-            of["coverage"],
-            *(None, None, of["width"], None),
-            of["rmse"],
-        )
-    }
-    return results.table(
-        f"ecolar-calibration-{convention.replace('_', '-')}",
-        f"Calibration, convention {convention} (Table 7)",
-        {name: f"{convention} {name}" for name in names},
-        quoted=quoted if convention == "filtered" else {},
-        note="Nominal 95 %. RMSE is against the measurement.",
-    )
 
 
 def _read(request: Request) -> Iterator[tuple[str, Series]]:

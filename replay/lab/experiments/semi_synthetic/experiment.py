@@ -28,10 +28,10 @@ from replay.lab.experiments.semi_synthetic.building import (
     key,
     study,
 )
-from replay.reports.kit.report import Report, Section
-from replay.reports.kit.table import Table
+from replay.reports.kit.document import Document
+from replay.reports.kit.report import Report
 from replay.reports.kit.verdict import Verdict, Wanted, at_least, at_most, between, near
-from replay.simulated.semi_synthetic import FULL_DAYS, PERIOD, PROCESS_NOISE_SD
+from replay.simulated.semi_synthetic import PERIOD, PROCESS_NOISE_SD
 
 SEEDS = 5
 
@@ -131,135 +131,82 @@ def verdicts(results: Results) -> list[Verdict]:
 def _report(results: Results, ready: Ready) -> Report:
     """The published numbers and the targets are those of BUILDING alone."""
     ours = ready.network.name == BUILDING
-    target = targets(verdicts(results), "docs/experiments.md says why some are missed.")
-    return Report(
-        f"Semi-synthetic building: {ready.network.name}",
-        _lead(results),
-        (
-            _done(ready),
-            *((target,) if ours else ()),
-            Section(
-                "Can the intervals be trusted?",
-                (),
-                tuple(_calibration(results, one, ours) for one in (ONE_STEP, FILTERED)),
-            ),
-            Section("Has it learned the building?", (), _learned(results, ready.network, ours)),
-            Section(
-                "Does it notice what it cannot see?",
-                ("Alpha should rise when unmeasured heat acts, widen the interval and stop the learning.",),
-                _noticed(results, ours),
-            ),
-        ),
-    )
-
-
-def _lead(results: Results) -> tuple[str, ...]:
-    """For a hurried reader, with the numbers of this run."""
-    (name,), winkler, own = results.recordings, key(ONE_STEP, "Winkler, K"), results.contenders[0]
+    quoted = PUBLISHED if ours else {table: {} for table in PUBLISHED}
+    (name,), own, winkler = results.recordings, results.contenders[0], key(ONE_STEP, "Winkler, K")
     kalman = [label for label in results.contenders if re.fullmatch("[EU]KF paper.*", label)]
     best = min(kalman, key=lambda label: results.mean(name, label, winkler))
-    found = {label: f"{results.spread(name, label, winkler)} K" for label in (own, KNOWING, best)}
-    return (
-        f"Of the temperatures measured, {100 * results.mean(name, own, key(ONE_STEP, 'coverage')):.1f} % fell into the "
-        f"95 % interval that {own} had published ten minutes before.",
-        f"Its Winkler score, width and misses in one number, is {found[own]}; the best that anyone could reach who "
-        f"knew building and disturbance is {found[KNOWING]}, {best} reaches {found[best]}.",
+    case = next(iter(ready.cases.values()))
+    worst, learners = quoted["h_infinity"], [one for one in results.contenders if "true parameters" not in one]
+    alpha = PUBLISHED["median_alpha"].values()
+    document = Document(__package__)
+    lead = document.lines(
+        "Lead",
+        own=own,
+        inside=100 * results.mean(name, own, key(ONE_STEP, "coverage")),
+        best=best,
+        score=results.spread(name, own, winkler),
+        floor=results.spread(name, KNOWING, winkler),
+        kalman=results.spread(name, best, winkler),
     )
-
-
-def _done(ready: Ready) -> Section:
-    case, particles = next(iter(ready.cases.values())), ready.request.particles or 9000
-    days, gain = len(case.series.times) * PERIOD / 86_400, 100 * float(case.truth.disturbance_dominated.mean())
-    whole = ready.request.file is not None and days >= FULL_DAYS - 1 and len(ready.cases) >= 5 and particles == 9000
-    return Section(
-        "What was done",
-        (
-            f"Every estimator learned `{ready.network.name}` online, simulated over {days:.0f} days of "
-            f"{ready.weather}, with a strong heat gain that no estimator is told of {gain:.0f} % of the time. Seeds "
-            f"{', '.join(map(str, ready.cases))}; figures are means over them ± standard deviation. RBPF with "
-            f"{particles:,} particles. "
-            + (
-                "This is the setting of the targets."
-                if whole
-                else "The targets were set for measured weather, 154 days, 9,000 particles and at least 5 seeds."
-            )
-            + " The words of the tables: docs/experiments.md.",
+    sections = (
+        document.section(
+            "What was done",
+            network=name,
+            weather=ready.weather,
+            seeds=", ".join(map(str, ready.cases)),
+            days=len(case.series.times) * PERIOD / 86_400,
+            gain=100 * float(case.truth.disturbance_dominated.mean()),
+            particles=ready.request.particles or 9000,
+        ),
+        *([targets(verdicts(results), "docs/experiments.md says why some are missed.")] if ours else []),
+        document.section(
+            "Can the intervals be trusted?",
+            *(
+                results.table(f"calibration-{one.replace('_', '-')}", _calibration(one), quoted=quoted[one])
+                for one in (ONE_STEP, FILTERED)
+            ),
+        ),
+        document.section(
+            "Has it learned the building?",
+            results.table(
+                "transfer-function-errors",
+                [f"{norm} {channel}" for norm in ("H2", "H∞") for channel in channels(ready.network).values()],
+                contenders=learners,
+                quoted={label: (*h2, *worst.get(label, (None,) * len(h2))) for label, h2 in quoted["h2"].items()},
+            ),
+            results.table("open-loop", _OPEN_LOOP, quoted=quoted["open_loop"]),
+        ),
+        document.section(
+            "Does it notice what it cannot see?",
+            results.table(
+                "parasitic-learning",
+                _NOTICED,
+                contenders=learners,
+                quoted={
+                    label: (None, None, index, *(alpha if label.startswith("RBPF") else (None, None)), None, None)
+                    for label, index in quoted["parasitic_learning"].items()
+                },
+            ),
+            results.table(
+                "causes", _CAUSES, contenders=[label for label in results.contenders if label.startswith("RBPF")]
+            ),
         ),
     )
+    return Report(document.title.format(network=name), lead, sections)
 
 
-def _calibration(results: Results, convention: str, ours: bool) -> Table:
+def _calibration(convention: str) -> dict[str, str]:
     columns = {name: key(convention, name) for name in ("RMSE, K", "Winkler, K", "coverage")}
     columns |= {regime: key(convention, "coverage", regime) for regime in (LOW, DOMINATED)}
-    return results.table(
-        f"calibration-{convention.replace('_', '-')}",
-        f"Accuracy and calibration, convention {convention} (Table 5)",
-        columns | {"width, K": key(convention, "width, K")},
-        quoted=PUBLISHED[convention] if ours else {},
-        note="RMSE is against the noise-free temperature. Intervals are nominal 95 %; with measurement noise of .15 K "
-        "no honest `one_step` interval can be narrower than .588 K on average. `filtered` flatters: the estimator has "
-        "seen y.",
-    )
+    return columns | {"width, K": key(convention, "width, K")}
 
 
-def _learned(results: Results, network: Network, ours: bool) -> tuple[Table, ...]:
-    worst = PUBLISHED["h_infinity"]
-    transfer = {name: (*h2, *worst.get(name, (None,) * len(h2))) for name, h2 in PUBLISHED["h2"].items()}
-    return (
-        results.table(
-            "transfer-function-errors",
-            "Relative errors of the final transfer functions (Table 4)",
-            [f"{norm} {name}" for norm in ("H2", "H∞") for name in channels(network).values()],
-            contenders=_learners(results),
-            quoted=transfer if ours else {},
-            note="0 is the true building, 1 an error as large as the response itself.",
-        ),
-        results.table(
-            "open-loop",
-            "Open-loop RMSE on low-disturbance segments of at least 12 h (Table 6), K",
-            {name: f"open loop, {name}" for name in ("mean", "median", "smallest", "largest")},
-            quoted=PUBLISHED["open_loop"] if ours else {},
-            note="Final parameters, no measurements, started at the true state, against the noise-free temperature. "
-            "The true parameters do not reach 0: process noise acts on the building all the time.",
-        ),
-    )
-
-
-def _noticed(results: Results, ours: bool) -> tuple[Table, ...]:
-    alpha = PUBLISHED["median_alpha"].values()
-    quoted = {
-        name: (None, None, index, *(alpha if name.startswith("RBPF") else (None, None)), None, None)
-        for name, index in PUBLISHED["parasitic_learning"].items()
-    }
-    updates = ("median update, quiet", "median update, disturbed")
-    return (
-        results.table(
-            "parasitic-learning",
-            "Parasitic learning, and alpha as a detector of disturbances (5.1.2)",
-            (*updates, INDEX, "median alpha, quiet", "median alpha, disturbed", AUC, "AUC, settled"),
-            contenders=_learners(results),
-            quoted=quoted if ours else {},
-            note="Index 1: disturbances do not speed learning up. AUC: probability that alpha is higher in a disturbed "
-            "step than in a quiet one; 'settled' leaves out the hour after each beginning and end of a disturbance.",
-        ),
-        results.table(
-            "causes",
-            "What lies behind missed targets",
-            (
-                "AUC, one sample later",
-                *(f"{of}, {third} third" for of in ("median update", "index") for third in _ENDS),
-            ),
-            contenders=[label for label in results.contenders if label.startswith("RBPF")],
-            note="A step counts as disturbed from the first sample on that the gain has touched; alpha is read one "
-            "sample later here. The kernel of the paper loses variance whenever the gate is not fully open, so its "
-            "parameters stop moving within weeks. The thirds are those of the period.",
-        ),
-    )
-
-
-_ENDS = ("first", "last")
-
-
-def _learners(results: Results) -> list[str]:
-    """Those that are not told the true parameters."""
-    return [label for label in results.contenders if "true parameters" not in label]
+_OPEN_LOOP = {name: f"open loop, {name}" for name in ("mean", "median", "smallest", "largest")}
+_NOTICED = (
+    *("median update, quiet", "median update, disturbed", INDEX),
+    *("median alpha, quiet", "median alpha, disturbed", AUC, "AUC, settled"),
+)
+_CAUSES = (
+    "AUC, one sample later",
+    *(f"{of}, {third} third" for of in ("median update", "index") for third in ("first", "last")),
+)
