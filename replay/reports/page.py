@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from tqdm import tqdm
@@ -11,7 +11,9 @@ from replay.recorded.samples import SLOW
 from replay.recorded.trace import Trace
 from replay.reports import plots, tables
 from replay.reports.advice import advice
-from replay.reports.kit.report import Report, Section
+from replay.reports.kit.document import PARTED, Document
+from replay.reports.kit.report import Plot, Report, Section
+from replay.reports.kit.table import Table
 from replay.reports.residuals import diagnostics
 from service.forecast.answers import Room
 
@@ -19,15 +21,17 @@ from service.forecast.answers import Room
 def report(site: str, traces: Sequence[Trace], progress: bool = False) -> Report:
     """The report of the zones in `traces`, which all have rows. With `progress` a terminal shows how far it is."""
     drawn = tqdm(traces, unit=" zones", desc="page", delay=SLOW, disable=not progress)
-    several = len(traces) > 1
-    first = (Section("All rooms", (), (tables.to_do(traces),)),) if several else ()
+    document, several = Document(__package__), len(traces) > 1
+    clocks = " and ".join(dict.fromkeys(trace.clock for trace in traces))
     return Report(
-        f"Thermogate report: {site}",
+        document.title.format(site=site),
         (*(note for trace in traces for note in trace.notes), *map(_in_a_sentence, traces)),
         (
-            *first,
-            *(section for trace in drawn for section in _zone(trace, several)),
-            Section("All zones", (), (tables.zones(traces), *([tables.skill(traces)] if several else []))),
+            *([document.section("All rooms", tables.to_do(traces))] if several else []),
+            *(section for trace in drawn for section in _zone(document, trace, several)),
+            document.section(
+                "All zones", tables.zones(traces), tables.skill(traces) if several else None, clocks=clocks
+            ),
         ),
     )
 
@@ -41,50 +45,50 @@ def _in_a_sentence(trace: Trace) -> str:
     return f"`{trace.zone}`: {verdict}. " + ("Nothing is to be done." if first is None else f"To do: {first.what}.")
 
 
-def _room(title: str, trace: Trace, room: Room) -> Section:
+def _answers(room: Room) -> tuple[str, ...]:
     """The answers, and what to do."""
     to_do = tuple(f"{place}. {one.what}: {one.why}." for place, one in enumerate(room.to_do, start=1))
-    heat = (plots.heat(trace, room),) if max(np.nanmax(room.sun), np.nanmax(room.people)) > 0.0 else ()
-    said = tuple(f"{one.sentence}." for one in room.answers)
     done = ("What to do:", *to_do) if to_do else ("Nothing is to be done.",)
-    return Section(title, (*said, *done), plots=heat)
+    return (*(f"{one.sentence}." for one in room.answers), *done)
 
 
-def _zone(trace: Trace, named: bool) -> list[Section]:
-    found, head = diagnostics(trace), f"{trace.zone}: " if named else ""
-    looked = len(trace.looks) > 0
-    seen = [plots.record(trace)]
-    said = []
-    if trace.fans:
-        seen.append(plots.fans(trace))
-    else:
-        said.append("No whole day between two midnights was forecast yet, so there is no fan to verify.")
-    if len(trace.gain):
-        seen.append(plots.gain(trace))
-    else:
-        said.append(f"The estimator `{trace.estimator}` has no model of unmeasured heat; `mkf` and `bank` have one.")
-    known = tables.parameters(trace) if looked else None
-    answers = [] if trace.room is None else [_room(_title(head, "how is this room?"), trace, trace.room)]
-    return [
-        *answers,
-        Section(_title(head, "forecasts"), tuple(said), (tables.skill([trace]),), tuple(seen)),
-        *([Section(_title(head, "thermostat"), (), (tables.laws(trace),))] if trace.laws else []),
-        Section(_title(head, "for experts: what to change in the configuration"), tuple(advice(trace, found))),
-        Section(
-            _title(head, "for experts: parameters"),
-            () if looked else ("No parameters: the estimator has no physics, or the period is shorter than 6 h.",),
-            () if known is None else (known,),
-            (plots.parameters(trace),) if looked else (),
-        ),
-        Section(
-            _title(head, "for experts: residuals"),
-            () if len(found.pit) else ("No forecast was compared with a measurement.",),
-            plots=(plots.pit(found), plots.memory(found), plots.against_inputs(found, trace.period))
-            if len(found.pit)
-            else (),
-        ),
-    ]
+def _zone(document: Document, trace: Trace, named: bool) -> Iterator[Section]:
+    found, looked, room = diagnostics(trace), len(trace.looks) > 0, trace.room
+    seen = len(found.pit) > 0
 
+    def section(heading: str, *shown: Table | Plot | None, **values: object) -> Section:
+        made = document.section(heading, *shown, **values)
+        return made._replace(title=f"{trace.zone}: {heading[0].lower()}{heading[1:]}") if named else made
 
-def _title(head: str, words: str) -> str:
-    return f"{head}{words}" if head else words.capitalize()
+    def said(heading: str, **values: object) -> str:
+        return document.lines(heading, **values)[0]
+
+    if room is not None:
+        warmed = max(np.nanmax(room.sun), np.nanmax(room.people)) > 0.0
+        answers = PARTED.join(_answers(room))
+        yield section("How is this room?", plots.heat(trace, room) if warmed else None, answers=answers)
+    yield section(
+        "Forecasts",
+        tables.skill([trace]),
+        plots.record(trace),
+        plots.fans(trace) if trace.fans else None,
+        plots.gain(trace) if len(trace.gain) else None,
+        no_fans="" if trace.fans else said("No fans"),
+        no_gain="" if len(trace.gain) else said("No gain", estimator=trace.estimator),
+        thinned=f" {said('Thinned', every=every)}" if (every := plots.thinned(len(trace.rows))) > 1 else "",
+    )
+    if trace.laws:
+        yield section("Thermostat", tables.laws(trace))
+    advised = section("For experts: what to change in the configuration")
+    yield advised._replace(paragraphs=tuple(advice(trace, found)))
+    yield section(
+        "For experts: parameters",
+        *((tables.parameters(trace), plots.parameters(trace)) if looked else ()),
+        none="" if looked else said("No parameters"),
+        moment=tables.moment(trace, int(trace.looks[-1])) if looked else "",
+    )
+    yield section(
+        "For experts: residuals",
+        *((plots.pit(found), plots.memory(found), plots.against_inputs(found, trace.period)) if seen else ()),
+        none="" if seen else said("No residuals"),
+    )

@@ -29,6 +29,11 @@ _FANS = 30
 """Days of fans that are drawn, the newest."""
 
 
+def thinned(count: int) -> int:
+    """Of `count` points one in so many is drawn."""
+    return -(-count // _DRAWN)
+
+
 def record(trace: Trace) -> Plot:
     """Measured temperature in its published band, and the inputs below."""
     inputs = trace.network.inputs
@@ -41,7 +46,7 @@ def record(trace: Trace) -> Plot:
     )
     y, lower, upper = (np.array([getattr(row, name) for row in trace.rows]) for name in ("y", "lower", "upper"))
     times = np.array([row.time for row in trace.rows], dtype=np.int64)
-    every = -(-len(times) // _DRAWN)
+    every = thinned(len(times))
     edges = _with_gaps(trace, times[::every], trace.period * every, y[::every], lower[::every], upper[::every])
     stamps, (y, lower, upper) = edges
     _band(figure, stamps, lower, upper, f"{100 * trace.level:g} % interval", row=1)
@@ -60,13 +65,7 @@ def record(trace: Trace) -> Plot:
     for row, unit in enumerate(["degC", *units], start=1):
         figure.update_yaxes(title_text=_SYMBOLS.get(unit, unit), row=row, col=1)
     figure.update_xaxes(title_text=trace.clock, row=1 + len(units), col=1)
-    return Plot(
-        "The record, and the band that was published before each measurement",
-        figure,
-        "Each band was formed before the measurement under it. A measurement outside is rare by design: one in twenty "
-        "at 95 %. A gap in the line is a gap in the data." + (f" One sample in {every} is drawn." if every > 1 else ""),
-        height=300 + 130 * len(units),
-    )
+    return Plot("record", figure, height=300 + 130 * len(units))
 
 
 def fans(trace: Trace) -> Plot:
@@ -75,7 +74,7 @@ def fans(trace: Trace) -> Plot:
     first, last = drawn[0].times[0], drawn[-1].times[-1]
     times = np.concatenate([fan.times for fan in drawn])
     values = np.concatenate([fan.quantiles for fan in drawn]).T
-    every = -(-len(times) // _DRAWN)
+    every = thinned(len(times))
     stamps, (lower, median, upper) = _with_gaps(trace, times[::every], trace.period * every, *values[:, ::every])
     _band(figure, stamps, lower, upper, "95 % of the forecast")
     figure.add_trace(_line(stamps, median, "forecast", _BLUE))
@@ -84,12 +83,7 @@ def fans(trace: Trace) -> Plot:
     stamps, (y,) = _with_gaps(trace, moments, trace.period * every, np.array([row.y for row in rows]))
     figure.add_trace(_line(stamps, y, "measured", _INK))
     figure.update_layout(yaxis_title="°C", xaxis_title=trace.clock, yaxis_range=_legible((y, median), (lower, upper)))
-    return Plot(
-        "A day ahead: forecasts issued at midnight, and what came",
-        figure,
-        "Each forecast covers the 24 h after its midnight, under the inputs that really followed, and knew no "
-        "temperature after it. So it shows what the model makes of the inputs, not how well anybody foresaw them.",
-    )
+    return Plot("fans", figure)
 
 
 def heat(trace: Trace, room: Room) -> Plot:
@@ -98,30 +92,20 @@ def heat(trace: Trace, room: Room) -> Plot:
     for name, values, colour in (("people and appliances", room.people, _BLUE), ("sun", room.sun, _WARM)):
         figure.add_trace(go.Bar(x=hours, y=values, name=name, marker_color=colour))
     figure.update_layout(barmode="stack", bargap=0.1, yaxis_title="W", xaxis_title=trace.clock)
-    return Plot(
-        "Heat besides the heating, by the hour of the day",
-        figure,
-        "Means of the days, as the model has learned them. What nobody measures counts as people and appliances.",
-        height=280,
-    )
+    return Plot("heat", figure, height=280)
 
 
 def gain(trace: Trace) -> Plot:
     """Unmeasured heat over time."""
     figure = go.Figure()
     times = np.array([row.time for row in trace.rows], dtype=np.int64)
-    every = -(-len(times) // _DRAWN)
+    every = thinned(len(times))
     columns = trace.gain[::every].T
     stamps, (lower, median, upper) = _with_gaps(trace, times[::every], trace.period * every, *columns)
     _band(figure, stamps, lower, upper, "95 % interval")
     figure.add_trace(_line(stamps, median, "median", _WARM))
     figure.update_layout(yaxis_title="W", xaxis_title=trace.clock, yaxis_range=_legible((median,), (lower, upper)))
-    return Plot(
-        "Heat that no channel measures",
-        figure,
-        "People, sun through windows and appliances, as the estimator infers them; below zero heat is lost, for "
-        "example through an open window.",
-    )
+    return Plot("gain", figure)
 
 
 def parameters(trace: Trace) -> Plot:
@@ -147,13 +131,7 @@ def parameters(trace: Trace) -> Plot:
         if place is None:
             low, median, high = (np.log10(column) for column in values.T)
             figure.update_yaxes(range=_legible((median,), (low, high)), row=row, col=col)
-    return Plot(
-        "Parameters over time",
-        figure,
-        "The band is what the estimator holds possible, the dashed lines are the bounds of the network; the scale is "
-        "logarithmic. A band that fills its bounds has learned nothing; one that leans on a bound wants to cross it.",
-        height=60 + 210 * rows,
-    )
+    return Plot("parameters-over-time", figure, height=60 + 210 * rows)
 
 
 def pit(found: Diagnostics) -> Plot:
@@ -165,13 +143,7 @@ def pit(found: Diagnostics) -> Plot:
     figure.update_layout(
         xaxis_title="place of the measurement in its forecast", yaxis_title="share of the forecasts", bargap=0.05
     )
-    return Plot(
-        "Calibration (probability integral transform)",
-        figure,
-        "Forecasts that are neither too wide nor too narrow fill every bar up to the dashed line. A hump in the "
-        "middle: too wide. A U: too narrow. A slope: too warm or too cold.",
-        height=320,
-    )
+    return Plot("pit", figure, height=320)
 
 
 def memory(found: Diagnostics) -> Plot:
@@ -181,13 +153,7 @@ def memory(found: Diagnostics) -> Plot:
     figure.add_trace(go.Bar(x=hours, y=found.autocorrelation, marker_color=_BLUE, showlegend=False))
     _white(figure, found)
     figure.update_layout(xaxis_title="lag [h]", yaxis_title="autocorrelation")
-    return Plot(
-        "Does an error predict the next?",
-        figure,
-        "Autocorrelation of the one-step errors. Between the dashed lines there is nothing to see; a high bar at short "
-        "lags means that the network misses something that lasts.",
-        height=320,
-    )
+    return Plot("memory", figure, height=320)
 
 
 def against_inputs(found: Diagnostics, period: float) -> Plot:
@@ -198,13 +164,7 @@ def against_inputs(found: Diagnostics, period: float) -> Plot:
         figure.add_trace(go.Scatter(x=hours, y=values, name=channel, line={"color": _COLOURS[place % len(_COLOURS)]}))
     _white(figure, found)
     figure.update_layout(xaxis_title="time since the input [h]", yaxis_title="correlation of the error")
-    return Plot(
-        "Do the errors follow an input?",
-        figure,
-        "A line far from zero: this input has more to say than the network lets it, because its unit, its scale or its "
-        "way through the network is wrong.",
-        height=320,
-    )
+    return Plot("against-inputs", figure, height=320)
 
 
 def _white(figure: go.Figure, found: Diagnostics) -> None:

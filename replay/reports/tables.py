@@ -15,13 +15,8 @@ from service.cli.tables import aligned
 from service.forecast.answers import Range
 from service.records.skill import HorizonSkill
 
+SKILL = "What the forecasts were worth"
 _HEADER = ("zone", "ahead", "forecasts", "coverage", "width [K]", "RMSE [K]", "against persistence", "against ARX")
-NOTE = (
-    "Forecasts one step, 1 h, 6 h and 24 h ahead, each compared with what came, over the last 30 days of the period. "
-    "Coverage is the share of 95 % intervals that held the measurement. The last two columns say by how much the RMSE "
-    "is smaller than that of a forecast that nothing changes, and of a linear regression learned beside the estimator; "
-    "below zero it is larger."
-)
 
 
 def horizons(trace: Trace) -> Sequence[HorizonSkill]:
@@ -31,7 +26,7 @@ def horizons(trace: Trace) -> Sequence[HorizonSkill]:
 
 def skill(traces: Sequence[Trace]) -> Table:
     """Every zone at the four horizons."""
-    return Table("skill", _HEADER, tuple(_skill_rows(traces)), "What the forecasts were worth", NOTE)
+    return Table("skill", _HEADER, tuple(_skill_rows(traces)), SKILL)
 
 
 def _skill_rows(traces: Sequence[Trace]) -> list[tuple[Cell, ...]]:
@@ -82,8 +77,7 @@ def zones(traces: Sequence[Trace]) -> Table:
         for trace in traces
     ]
     columns = ("zone", "network", "estimator", "from", "to", "samples", "refused readings", "findings")
-    clocks = " and ".join(dict.fromkeys(trace.clock for trace in traces))
-    return Table("zones", columns, tuple(rows), "Zones", f"Times are those of {clocks}.")
+    return Table("zones", columns, tuple(rows))
 
 
 def to_do(traces: Sequence[Trace]) -> Table:
@@ -92,7 +86,7 @@ def to_do(traces: Sequence[Trace]) -> Table:
     for trace in sorted(traces, key=_need):
         for one in () if trace.room is None else trace.room.to_do:
             rows.append((trace.zone, one.what, one.why))
-    return Table("to-do", ("zone", "what", "why"), tuple(rows), "What to do, the room first that needs it most")
+    return Table("to-do", ("zone", "what", "why"), tuple(rows))
 
 
 def _need(trace: Trace) -> float:
@@ -110,11 +104,7 @@ def laws(trace: Trace) -> Table:
         for law in trace.laws
     ]
     columns = ("channel", "side", "law", "power [W]", "offset [K]", "band [K]", "days")
-    note = (
-        "Power is all that it gives; offset is how far below the set-point (cooling: above) it gives half of it, and "
-        "band over how many K it goes from nothing to all. In brackets are 95 % intervals."
-    )
-    return Table(f"thermostat-{trace.zone}", columns, tuple(rows), "What the thermostat does", note)
+    return Table("thermostat", columns, tuple(rows))
 
 
 def _between(part: Range) -> str:
@@ -136,11 +126,5 @@ def parameters(trace: Trace) -> Table:
         kind = "learned" if parameter.free else "fixed"
         rows.append((parameter.name, parameter.unit, *map(amount, quantiles), *bounds, kind))
     rows.append(("heat loss", "W/K", *map(amount, trace.heat_loss[-1].tolist()), None, None, "derived"))
-    return Table(
-        f"parameters-{trace.zone}",
-        ("parameter", "unit", low, median, high, "lower bound", "upper bound", "kind"),
-        tuple(rows),
-        "Parameters at the end",
-        f"At {moment(trace, int(trace.looks[-1]))}. The bounds are those of the network; a learned parameter cannot "
-        "leave them.",
-    )
+    columns = ("parameter", "unit", low, median, high, "lower bound", "upper bound", "kind")
+    return Table("parameters", columns, tuple(rows))

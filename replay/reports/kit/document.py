@@ -1,8 +1,8 @@
 """The words of a report as a Markdown file beside the code that has its figures.
 
 `# ` is the title, and `## ` begins a section, whose paragraphs are parted by blank lines. `{name}` is a value. A
-paragraph that begins with `[[name]]` is the place of the table of that name: the rest of its line is the table's title,
-and the lines below are its note.
+paragraph that begins with `[[name]]` is the place of the table or plot of that name: the rest of its line is the title,
+and the lines below are the note.
 """
 
 from __future__ import annotations
@@ -11,10 +11,12 @@ import re
 from dataclasses import replace
 from importlib.resources import files
 
-from replay.reports.kit.report import Section
+from replay.reports.kit.report import Plot, Section
 from replay.reports.kit.table import Table
 
-_TABLE = re.compile(r"\[\[(.+?)\]\] (.*)")
+_PLACE = re.compile(r"\[\[(.+?)\]\] (.*)")
+PARTED = "\f"
+"""Between the paragraphs of one value."""
 
 
 class Document:
@@ -26,20 +28,26 @@ class Document:
         self.title = first.strip()
         self._sections = dict(part.partition("\n")[::2] for part in rest)
 
-    def section(self, heading: str, *tables: Table | None, **values: object) -> Section:
-        """The section of that heading, filled with `values` and `tables`; what is empty then, or None, is left out."""
-        given = {table.name: table for table in tables if table is not None}
-        paragraphs, shown = [], []
+    def section(self, heading: str, *shown: Table | Plot | None, **values: object) -> Section:
+        """The section of that heading, with `values` and what is `shown`; what is empty then, or None, is left out."""
+        given = {one.name: one for one in shown if one is not None}
+        paragraphs: list[str] = []
+        tables: list[Table] = []
+        plots: list[Plot] = []
         for block in self._sections[heading].split("\n\n"):
             head, *below = block.strip().split("\n")
-            place = _TABLE.fullmatch(head.format(**values)) if head.startswith("[[") else None
+            place = _PLACE.fullmatch(head.format(**values)) if head.startswith("[[") else None
             note = " ".join(below).format(**values)
             if place is None:
-                paragraphs.append(" ".join([head.format(**values), note]).strip())
-            elif place[1] in given:
-                shown.append(replace(given.pop(place[1]), title=place[2], note=note))
+                paragraphs += [text for text in " ".join([head.format(**values), note]).strip().split(PARTED) if text]
+                continue
+            one = given.pop(place[1], None)
+            if isinstance(one, Plot):
+                plots.append(one._replace(title=place[2], reading=note))
+            elif one is not None:
+                tables.append(replace(one, title=place[2], note=note))
         assert not given, f"{heading} has no place for {', '.join(given)}"
-        return Section(heading.format(**values), tuple(filter(None, paragraphs)), tuple(shown))
+        return Section(heading.format(**values), tuple(paragraphs), tuple(tables), tuple(plots))
 
     def lines(self, heading: str, **values: object) -> tuple[str, ...]:
         """The paragraphs of that section alone."""

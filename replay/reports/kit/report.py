@@ -16,13 +16,13 @@ from replay.reports.kit.table import Table
 
 
 class Plot(NamedTuple):
-    """A plotly figure with a title and a sentence on how to read it."""
+    """A plotly figure, `height` pixels high, with a title and a sentence on how to read it."""
 
-    title: str
+    name: str
     figure: Any
-    reading: str
     height: int = 380
-    """Pixels."""
+    title: str = ""
+    reading: str = ""
 
 
 class Section(NamedTuple):

@@ -85,7 +85,7 @@ def test_verdicts_follow_the_mean_over_seeds(wanted: Wanted, values: list[float]
 
 
 def test_a_report_is_one_page_without_any_outside_address(tmp_path: Path) -> None:
-    plot = Plot("A line", go.Figure(go.Scatter(x=[1, 2], y=[3, 4])), "It rises in `x`.")
+    plot = Plot("line", go.Figure(go.Scatter(x=[1, 2], y=[3, 4])), title="A line", reading="It rises in `x`.")
     section = Section("First", ("Text with `code` & more.", "```\na = 1\n```"), (TABLE,), (plot,))
     written = write_report(Report("A <title>", ("Lead.",), (section,)), tmp_path / "out")
     assert [path.name for path in written] == ["report.html", "scores.csv"]

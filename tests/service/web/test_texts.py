@@ -41,6 +41,7 @@ SPOKEN = {
     "replay/reports/advice.py": None,
     "replay/reports/page.py": None,
     "replay/reports/plots.py": None,
+    "replay/reports/report.md": None,
     "replay/reports/tables.py": None,
     "replay/recorded/stored.py": ("_note",),
 }
@@ -49,6 +50,9 @@ SPOKEN = {
 
 def spoken(path: str, functions: tuple[str, ...] | None) -> Iterator[str]:
     """The sentences of four words and more in a file, with 7 for whatever is filled in."""
+    if path.endswith(".md"):
+        yield from written(path)
+        return
     tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
     silent = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     silent |= {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
@@ -62,6 +66,18 @@ def spoken(path: str, functions: tuple[str, ...] | None) -> Iterator[str]:
         # What begins with a comma or a space is only a part of a sentence.
         if len(re.findall(r"[A-Za-z]{2,}", text)) >= 4 and text[0] not in ", ":
             yield text
+
+
+def written(path: str) -> Iterator[str]:
+    """The same of the words of a report."""
+    # What is said of thinned lines is a part of another text.
+    text = (ROOT / path).read_text(encoding="utf-8").replace("{thinned}", " One sample in {every} is drawn.")
+    text = text.replace("## Thinned\n\nOne sample in {every} is drawn.\n\n", "")
+    for block in re.sub(r"^#+ |\[\[.*?\]\] ", "", text, flags=re.M).split("\n\n"):
+        head, *below = block.split("\n")
+        # A title and its note are two texts, the lines of a paragraph one.
+        texts = [head, " ".join(below)] if len(head) < 100 else [" ".join([head, *below])]
+        yield from (GAP.sub("7", text) for text in texts if len(re.findall(r"[A-Za-z]{2,}", text)) >= 4)
 
 
 @pytest.mark.parametrize("path", SPOKEN)
