@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from support.config_samples import sound, write
 from service.cli.main import main
 from service.web.keys import KeyRing
 
+MISTAKES = json.loads(Path(__file__).with_name("mistakes.json").read_text(encoding="utf-8"))
 Capture = pytest.CaptureFixture[str]
 
 
@@ -50,23 +52,7 @@ def test_list_and_revoke(config: Path, capsys: Capture) -> None:
     assert keys("revoke", config, "old") == 1
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (["create"], "keys create needs the name"),
-        (["create", "x"], "needs --scope read, --scope write or --scope admin"),
-        (["create", "X!", "--scope", "read"], "cannot be an id"),
-        (["create", "x", "--scope", "read", "--zone", "attic"], 'there is no zone "attic"; the zones are living'),
-        (["create", "x", "--scope", "admin", "--zone", "living"], "--zone goes with --scope read or write"),
-        (["create", "x", "--scope", "read", "--expires", "soon"], "neither a duration"),
-        (["create", "x", "--scope", "read", "--expires", "2099-01-01T00:00:00"], "no time zone"),
-        (["create", "x", "--scope", "read", "--expires", "2020-01-01T00:00:00Z"], "not in the future"),
-        (["create", "x", "--scope", "read", "--expires", "0s"], "not in the future"),
-        (["list", "x"], "leave the name out"),
-        (["list", "--scope", "read"], "--scope is for keys create"),
-        (["revoke"], "keys revoke needs the name"),
-    ],
-)
+@pytest.mark.parametrize(("words", "sentence"), MISTAKES["keys"])
 def test_mistakes(config: Path, words: list[str], sentence: str, capsys: Capture) -> None:
     action, *rest = words
     assert keys(action, config, *rest) == 2

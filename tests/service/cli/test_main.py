@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import types
 from collections.abc import Callable, Iterator
@@ -22,6 +23,7 @@ from service.errors import JournalError
 from service.store.journal import Journal
 from service.store.store import JOURNAL
 
+MISTAKES = json.loads(Path(__file__).with_name("mistakes.json").read_text(encoding="utf-8"))
 Capture = pytest.CaptureFixture[str]
 Call = tuple[tuple[Any, ...], dict[str, Any]]
 
@@ -84,28 +86,7 @@ def test_help(command: list[str], capsys: Capture) -> None:
     assert not command or "folder of the configuration file" in " ".join(shown.split())
 
 
-@pytest.mark.parametrize(
-    ("argv", "gist"),
-    [
-        ([], "COMMAND; see thermogate --help"),
-        (["rnu"], "invalid choice: 'rnu'"),
-        (["check"], "required: CONFIG; see thermogate check --help"),
-        (["check", "a.toml", "--sett", "x=1"], "--sett"),
-        (["replay", "a.toml"], "--out"),
-        (["replay", "a.toml", "--out", "d", "--seed", "-1"], "--seed"),
-        (["replay", "a.toml", "--out", "d", "--seed", "x"], "'x' is not a whole number"),
-        (["replay", "a.toml", "--out", "d", "--start", "yesterday"], "'yesterday' is not a time; write it as 2025-"),
-        (["replay", "a.toml", "--out", "d", "--start", "2025-05-03T00:00:00"], "has no time zone; end it with Z"),
-        (["replay", "a.toml", "--out", "d", "--end", "2025-05-03"], "has no time zone"),
-        (["demo", "--port", "65536"], "'65536' is not a whole number from 0 to 65535"),
-        (["demo", "--pace", "0"], "'0' is not"),
-        (["demo", "--pace", "fast"], "'fast' is not"),
-        (["demo", "--pace", "9000"], "'9000' is not a number from 0.01 to 3600"),
-        (["simulate-bms", "--zones", "0"], "'0' is not a whole number from 1 to 80"),
-        (["simulate-bms", "--zenoh", "nowhere"], "is not an endpoint"),
-        (["demo", "--duration", "inf"], "'inf' is not a number above 0"),
-    ],
-)
+@pytest.mark.parametrize(("argv", "gist"), MISTAKES["usage"])
 def test_usage_mistakes_are_one_sentence(argv: list[str], gist: str, capsys: Capture) -> None:
     assert main(argv) == 2
     assert gist in complaint(capsys)
