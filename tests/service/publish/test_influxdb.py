@@ -12,15 +12,12 @@ from typing import Any
 import pytest
 from line_protocol_parser import parse_line
 from support import influx
-from support.config_samples import sound, write
 from support.fake_zones import make_update, running
 from support.harness import free_port
 from support.waiting import wait_until
 
 from adapters.fields.times import parse_time
 from adapters.payload.line_protocol import points
-from service.config.load import load
-from service.errors import ConfigError
 from service.publish import influxdb
 from service.publish.influxdb import KIND, LinesConfig, Writer, lines_of
 from service.publish.sinks import Announcement, Occasion, Reports
@@ -186,27 +183,3 @@ def test_a_database_that_never_answers_holds_nobody_up() -> None:
         sink.settle()
         sink.close()
         assert dropped(sink) == 0
-
-
-@pytest.mark.parametrize(
-    ("table", "sentence"),
-    [
-        ({"url": "127.0.0.1:8086"}, "must be an address such as"),
-        ({"url": "http://a", "file": "lines"}, "give url or file, not both"),
-        ({"database": "house"}, "user and database need url"),
-        ({"url": "http://a", "user": "me"}, "user goes with the password's place"),
-        ({"url": "http://a", "user": "me", "password_file": "missing"}, "missing cannot be read"),
-        ({"file": "nowhere/lines"}, "nowhere is no folder"),
-    ],
-)
-def test_mistakes_in_the_table_are_sentences(table: dict[str, str], sentence: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError) as caught:
-        load(write(tmp_path, sound(tmp_path) | {"influxdb": table}))
-    (problem,) = caught.value.problems
-    assert problem.startswith("influxdb")
-    assert sentence in problem
-
-
-def test_without_a_table_nothing_is_written(tmp_path: Path) -> None:
-    config = load(write(tmp_path, sound(tmp_path)))
-    assert KIND.open(config.table("influxdb"), "htwg") is None

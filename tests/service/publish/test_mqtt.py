@@ -15,7 +15,6 @@ from support.fake_zones import announced, make_update, running, waiting
 from support.waiting import wait_until
 
 from service.config.load import load
-from service.errors import ConfigError
 from service.publish import mqtt
 from service.publish.mqtt import MqttConfig, Publisher
 from service.publish.sinks import TOPICS, Announcement, Occasion, Reports
@@ -165,24 +164,6 @@ def test_a_zone_without_an_update_tells_its_status(site: Mosquitto) -> None:
     publishing.close()
 
 
-def mistaken(folder: Path, table: dict[str, object]) -> list[str]:
-    with pytest.raises(ConfigError) as mistakes:
-        load(write(folder, sound(folder) | {"mqtt": table}))
-    return mistakes.value.problems
-
-
-def test_mistakes_in_the_table_are_sentences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "needs host, the broker to publish on" in mistaken(tmp_path, {"home_assistant": True})[0]
-    assert "user goes with the password's place" in mistaken(tmp_path, {"host": "x", "user": "me"})[0]
-    assert "must be an address such as" in mistaken(tmp_path, {"host": "x", "page": "192.168.1.20:8080"})[0]
-    assert "wildcard" in mistaken(tmp_path, {"host": "x", "discovery_prefix": "home/#"})[0]
-    assert "password_file" in mistaken(tmp_path, {"host": "x", "user": "me", "password_file": "missing"})[0]
-    assert "version" in mistaken(tmp_path, {"host": "x", "version": "4"})[0]
-    monkeypatch.setattr("adapters.mqtt.broker.find_spec", lambda name: None)
-    assert "pip install 'thermogate[mqtt]'" in mistaken(tmp_path, {"host": "x"})[0]
-    assert load(write(tmp_path, sound(tmp_path))).table("mqtt").host is None
-
-
 def test_a_table_with_a_host_is_opened(tmp_path: Path, site: Mosquitto, caplog: pytest.LogCaptureFixture) -> None:
     table = {"host": "127.0.0.1", "port": site.port}
     config = load(write(tmp_path, sound(tmp_path) | {"mqtt": table}))
@@ -192,4 +173,3 @@ def test_a_table_with_a_host_is_opened(tmp_path: Path, site: Mosquitto, caplog: 
         wait_until(lambda: f"[mqtt]: connected (mqtt://127.0.0.1:{site.port})" in caplog.text)
         opened.settle()
         opened.close()
-    assert mqtt.KIND.open(load(write(tmp_path, sound(tmp_path))).table("mqtt"), "house") is None
