@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from datetime import datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import (
@@ -27,6 +29,9 @@ if TYPE_CHECKING:
     StatusDocument = StatusPayload
 else:
     StatusDocument = document_of(StatusPayload)
+
+EXAMPLES = json.loads(Path(__file__).with_name("examples.json").read_text(encoding="utf-8"))
+"""Documents of the OpenAPI description, by what they are of."""
 
 MAX_LEVELS = 32
 MAX_ROWS = 20_000
@@ -142,12 +147,7 @@ class PostedReading(BaseModel):
 class PostedReadings(BaseModel):
     """Body of POST /readings and POST /zones/{zone}/readings in JSON."""
 
-    model_config = ConfigDict(
-        extra="forbid",
-        json_schema_extra={
-            "examples": [{"readings": [{"channel": "office/T_i", "value": 21.5, "time": "2026-01-15T12:00:00Z"}]}]
-        },
-    )
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": EXAMPLES["PostedReadings"]})
 
     readings: list[PostedReading]
 

@@ -11,7 +11,7 @@ from pydantic_core.core_schema import ValidatorFunctionWrapHandler
 
 from service.forecast.plan import Inputs, Stepped, Timed, Values
 from service.forecast.request import MAX_STEPS
-from service.web.models import Finite, Horizon, Instant, Levels
+from service.web.models import EXAMPLES, Finite, Horizon, Instant, Levels
 
 MAX_INPUTS = 64
 
@@ -62,13 +62,7 @@ PlannedInput = Annotated[
 class ForecastRequest(BaseModel):
     """Body of POST /zones/{zone}/forecast: a forecast under planned inputs."""
 
-    model_config = ConfigDict(
-        extra="forbid",
-        strict=True,
-        json_schema_extra={
-            "examples": [{"horizon": "1h", "levels": [0.5, 0.95], "inputs": {"u_heat": 2000.0, "T_out": 5.5}}]
-        },
-    )
+    model_config = ConfigDict(extra="forbid", strict=True, json_schema_extra={"examples": EXAMPLES["ForecastRequest"]})
 
     horizon: Horizon = Field(description="how far beyond valid_time to forecast; a whole number of periods")
     levels: Levels = Field(default_factory=list, description="levels of the intervals; default: the published ones")

@@ -16,6 +16,7 @@ from starlette.routing import Match
 
 from adapters.fields.problems import extended, own_sentence
 from service.errors import RequestError, ServiceError, TooManyQuestions
+from service.web.models import EXAMPLES
 from service.web.server.refusal import MEDIA_TYPE, RequestRefused, failure_answer, few, problem_answer, refusal
 
 RETRY_SECONDS = 60
@@ -28,20 +29,7 @@ _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 class Problem(BaseModel):
     """An error (RFC 9457)."""
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "examples": [
-                {
-                    "type": "about:blank",
-                    "title": "Not Found",
-                    "status": 404,
-                    "detail": "there is no zone 'attic'; the zones are living, bedroom",
-                    "zones": ["living", "bedroom"],
-                    "zone_count": 2,
-                }
-            ]
-        }
-    )
+    model_config = ConfigDict(json_schema_extra={"examples": EXAMPLES["Problem"]})
 
     type: str = "about:blank"
     title: str

@@ -25,7 +25,7 @@ from service.records.record import document_of
 from service.web.access import Caller, Writer, find_zone
 from service.web.answering import answer
 from service.web.limits import POSTS
-from service.web.models import PostedReading, PostedReadings, ReadingsQuery
+from service.web.models import EXAMPLES, PostedReading, PostedReadings, ReadingsQuery
 from service.web.problems import documented, invalid, sentence_of
 from service.web.server.bodies import unread_json
 from service.web.server.refusal import MOST_SENTENCES, RequestRefused
@@ -232,17 +232,8 @@ def _too_many() -> RequestRefused:
 
 def _documented_body() -> dict[str, Any]:
     """The body in the OpenAPI document: three formats."""
-    pack = {
-        "type": "array",
-        "items": {"type": "object"},
-        "examples": [[{"bn": "office/", "bt": 1768478400, "n": "T_i", "u": "Cel", "v": 21.5}]],
-    }
-    lines = {"type": "string", "examples": ["office T_i=21.5,T_out=5.4 1768478400000000000"]}
-    return {
-        "required": True,
-        "content": {
-            _JSON: {"schema": {"$ref": f"#/components/schemas/{PostedReadings.__name__}"}},
-            _SENML: {"schema": pack},
-            _LINES: {"schema": lines},
-        },
-    }
+    pack = {"type": "array", "items": {"type": "object"}, "examples": EXAMPLES["SenML"]}
+    lines = {"type": "string", "examples": EXAMPLES["line protocol"]}
+    posted = {"$ref": f"#/components/schemas/{PostedReadings.__name__}"}
+    schemas = {_JSON: posted, _SENML: pack, _LINES: lines}
+    return {"required": True, "content": {kind: {"schema": schema} for kind, schema in schemas.items()}}

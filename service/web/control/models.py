@@ -11,7 +11,7 @@ from service.records.fan import CompactOutputPayload
 from service.records.outlook import InputOrigin
 from service.records.record import Time, record, shown
 from service.records.trust import HorizonTrust
-from service.web.models import Horizon, Levels, Query
+from service.web.models import EXAMPLES, Horizon, Levels, Query
 from service.web.planned import PlannedInput, named_apart
 
 MAX_DRAWS = 1000
@@ -42,23 +42,7 @@ class SitePlan(BaseModel):
 class SiteForecastRequest(BaseModel):
     """Body of POST /forecasts."""
 
-    model_config = ConfigDict(
-        extra="forbid",
-        json_schema_extra={
-            "examples": [
-                {
-                    "horizon": "24h",
-                    "zones": ["living"],
-                    "levels": [0.9],
-                    "scenarios": 0,
-                    "plans": [
-                        {"name": "off", "inputs": {"living": {"u_heat": 0.0}}},
-                        {"name": "on", "inputs": {"living": {"u_heat": 2000.0}, "*": {"T_out": 5.0}}},
-                    ],
-                }
-            ]
-        },
-    )
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": EXAMPLES["SiteForecastRequest"]})
 
     horizon: Horizon = Field(description="how far beyond valid_time; a whole number of each zone's periods")
     zones: Annotated[list[str], Field(max_length=MAX_ZONES)] = Field(
