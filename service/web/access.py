@@ -72,18 +72,6 @@ ANYBODY = Caller("anybody")
 """Who asks without a key while none is in force."""
 
 
-class NoKeys:
-    """There are no keys: reading is open, administration closed."""
-
-    in_force = False
-
-    def find(self, secret: str) -> Key | None:
-        return None
-
-    def accepts(self, key: Key) -> bool:
-        return False
-
-
 async def caller_of(request: Request) -> Caller:
     """Dependency: who asks."""
     caller: Caller = request.scope["state"]["caller"]
@@ -125,7 +113,8 @@ class RequireKey:
     What is not open needs a key: a route that is added later is closed unless it is listed as open.
     """
 
-    def __init__(self, app: ASGIApp, keys: KeyRing | NoKeys) -> None:
+    def __init__(self, app: ASGIApp, keys: KeyRing | None) -> None:
+        """Without `keys` there are none: reading is open, administration closed."""
         self._app = app
         self._keys = keys
         self._attempts = FailedAttempts()
@@ -156,7 +145,7 @@ class RequireKey:
             nonlocal ended
             if ended:
                 return
-            if message.get("more_body", False) and not self._keys.accepts(key):
+            if message.get("more_body", False) and not (self._keys and self._keys.accepts(key)):
                 # The server tells the application that its client has gone.
                 ended = True
                 message = {"type": "http.response.body", "body": b"", "more_body": False}
@@ -172,7 +161,7 @@ class RequireKey:
         parts = [*path.split("/"), ""]
         administration = f"/{parts[1]}" == ADMIN_PREFIX
         writing = parts[1:-1] == [READINGS] or (f"/{parts[1]}" == ZONES_PREFIX and parts[3:-1] == [READINGS])
-        if not (administration or writing or self._keys.in_force):
+        if not (administration or writing or (self._keys and self._keys.in_force)):
             return ANYBODY
         caller = await self._authenticated(connection)
         needed: Scope = "admin" if administration else "write" if writing else "read"
@@ -187,7 +176,8 @@ class RequireKey:
 
     def _may_read(self, connection: Connection) -> bool:
         try:
-            return not self._keys.in_force or self._keys.find(_secret(connection) or "") is not None
+            keys = self._keys
+            return keys is None or not keys.in_force or keys.find(_secret(connection) or "") is not None
         except KeyFileError:
             return False
 
@@ -200,7 +190,7 @@ class RequireKey:
                 headers={"WWW-Authenticate": _REALM},
             )
         try:
-            key = self._keys.find(secret)
+            key = None if self._keys is None else self._keys.find(secret)
         except KeyFileError as error:
             raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [str(error)], retry_after=KEYS_RETRY_SECONDS) from None
         if key is not None:

@@ -20,7 +20,7 @@ from service.records.view import ZoneView
 from service.web import problems as api_problems
 from service.web import stream
 from service.web import zones as zone_routes
-from service.web.access import ADMIN_PREFIX, OPEN_PATHS, READINGS, NoKeys, RequireKey
+from service.web.access import ADMIN_PREFIX, OPEN_PATHS, READINGS, RequireKey
 from service.web.answering import json_answer
 from service.web.control import heating
 from service.web.control import routes as control_routes
@@ -81,7 +81,7 @@ def create_app(
     # The last one added is the first to see a request.
     app.add_middleware(GZipMiddleware, minimum_size=SMALLEST_PACKED, compresslevel=5)
     app.add_middleware(GatherBody, limit=http.limits.body)
-    app.add_middleware(RequireKey, keys=keys or NoKeys())
+    app.add_middleware(RequireKey, keys=keys)
     app.state.answers = Counter()
     app.add_middleware(Guard, config=http, answers=app.state.answers)
     malformed = app.state.malformed_posts = Counter()
