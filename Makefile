@@ -129,11 +129,11 @@ screenshots: $(VENV)/.ready  ## the pictures of the page in the documentation, f
 
 STREAM ?= 3600
 
-page: $(VENV)/.ready  ## weight, paint, scrolling, and memory over STREAM=3600 s of a thousand streaming zones; needs chromium
-	$(BIN)/python tests/browser/evidence.py --stream $(STREAM)
+page: $(VENV)/.ready  ## weight, paint and scrolling of the page, into var/page.json; needs chromium
+	$(BIN)/python tests/browser/evidence.py --out var/page.json
 
 page-stream: $(VENV)/.ready  ## an hour (STREAM=3600 s) of a real daemon at 600 times real time in the browser: fails if memory grows
-	$(BIN)/python tests/browser/streaming.py --seconds $(STREAM)
+	$(BIN)/python tests/browser/streaming.py --out var/page-stream.json --seconds $(STREAM)
 
 clean:  ## remove the virtual environment and all caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage* build *.egg-info

@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 import pytest
 from support import schemas
 from support.all_metrics import exposed
-from support.harness import EXAMPLES, Daemon, free_port
+from support.harness import EXAMPLES, ROOT, Daemon
+from support.zenoh_plant import endpoint
 
 import thermogate
 from adapters.csv import config as csv
@@ -65,7 +66,6 @@ from service.web.page import payloads as page_models
 from service.zone.aggregation import AGGREGATES, default_aggregate
 from service.zone.worker import STARTED
 
-ROOT = Path(__file__).parents[1]
 DOCS = sorted((ROOT / "docs").glob("*.md"))
 PAGES = sorted(path for folder in (".", "docs/**", "deploy/**", "adapters/*") for path in ROOT.glob(f"{folder}/*.md"))
 TEXT = {path.name: path.read_text(encoding="utf-8") for path in DOCS}
@@ -191,26 +191,39 @@ def test_every_network_preset_is_documented() -> None:
         assert row[1:4] == [", ".join(network.nodes), ", ".join(network.inputs), str(len(network.free))]
 
 
-def test_every_estimator_option_is_documented_with_its_values() -> None:
-    text = section("configuration.md", "`[zones.estimator_options]`")
-    (table,) = tables(text)
-    assert {*first_names(table)} == {field.name for field in fields(options.Options)} - {"preset", "volatility_blocks"}
-    assert {"preset", "discount", "volatility_blocks"} <= {*names(text)}
-    paper = options.resolve(presets.network("building-67"), 600, {"preset": "paper"})
-    assert_values_as_documented(table, [options.resolve(presets.network("titeth"), 600, {}), paper])
-    ecolar = options.resolve(presets.network("ecolar-6r4c"), 300, {"preset": "paper"})
-    assert changes(text.partition("|")[0]) == differences(ecolar, paper)
+TITETH = presets.network("titeth")
+RBPF, UKF = options.resolve, augmented_options.resolve_ukf
 
 
-def test_every_option_of_ekf_and_ukf_is_documented_with_its_values() -> None:
-    text = section("configuration.md", "Options of `ekf` and `ukf`")
+ARX, DAILY = arx_options.resolve, arx_options.resolve_daily
+
+
+def paper(resolve: Any, preset: str = "building-67", period: int = 600) -> Any:
+    """The options of the paper's preset for a network."""
+    return resolve(presets.network(preset), period, {"preset": "paper"})
+
+
+OPTIONS = [
+    ("`[zones.estimator_options]`", options.Options, [RBPF(TITETH, 600, {}), paper(RBPF)]),
+    ("Options of `ekf` and `ukf`", augmented_options.UKFOptions, [UKF(TITETH, 600, {}), paper(UKF)]),
+    ("Options of `arx` and `daily`", arx_options.ARXOptions, [ARX(TITETH, 300, {}), DAILY(TITETH, 300, {})]),
+    ("Options of `direct`", arx_options.DirectOptions, [arx_options.DirectOptions()]),
+    ("Options of `bank`", bank_options.BankOptions, [bank_options.BankOptions()]),
+]
+
+
+@pytest.mark.parametrize(("heading", "kind", "shown"), OPTIONS, ids=lambda value: str(value)[:30])
+def test_every_option_is_documented_with_its_values(heading: str, kind: Any, shown: list[Any]) -> None:
+    text = section("configuration.md", heading)
     (table,) = tables(text)
-    assert {*first_names(table)} == {field.name for field in fields(augmented_options.UKFOptions)} - {"preset"}
-    resolve = augmented_options.resolve_ukf
-    paper = resolve(presets.network("building-67"), 600, {"preset": "paper"})
-    assert_values_as_documented(table, [resolve(presets.network("titeth"), 600, {}), paper])
-    ecolar = resolve(presets.network("ecolar-6r4c"), 300, {"preset": "paper"})
-    assert changes(text.partition("|")[0]) == differences(ecolar, paper)
+    assert {*first_names(table)} == {field.name for field in fields(kind)} - {"preset", "volatility_blocks"}
+    assert_values_as_documented([row for row in table if row[0] not in ("`members`", "`voice`")], shown)
+    for of_paper in (RBPF, UKF):
+        if isinstance(shown[-1], type(paper(of_paper))):
+            # The text above the table says what the paper's preset changes for an Ecolar network.
+            assert changes(text.partition("|")[0]) == differences(paper(of_paper, "ecolar-6r4c", 300), shown[-1])
+    if kind is options.Options:
+        assert {"preset", "discount", "volatility_blocks"} <= {*names(text)}
 
 
 def test_every_option_of_mkf_is_documented_with_its_values() -> None:
@@ -220,36 +233,15 @@ def test_every_option_of_mkf_is_documented_with_its_values() -> None:
     known = {field.name for field in fields(mkf_options.MKFOptions)}
     assert {*first_names(table)} | shared == known - {"preset"}
     assert {name for row in described[1:] for name in names(row[0])} == set(mkf_options.PRESETS)
-    plain = presets.network("titeth")
-    default = mkf_options.resolve(plain, 600, {})
+    default = mkf_options.resolve(TITETH, 600, {})
     assert_values_as_documented(table, [default])
-    rbpf = options.resolve(plain, 600, {})
+    rbpf = options.resolve(TITETH, 600, {})
     for name in shared:
         assert getattr(default, name) == getattr(rbpf, name), name
     for row in described[1:]:
         for preset in names(row[0]):
-            resolved = mkf_options.resolve(plain, 600, {"preset": preset})
+            resolved = mkf_options.resolve(TITETH, 600, {"preset": preset})
             assert changes(row[3]) == differences(resolved, default), preset
-
-
-def test_every_option_of_arx_and_daily_is_documented_with_its_values() -> None:
-    (table,) = tables(section("configuration.md", "Options of `arx` and `daily`"))
-    assert {*first_names(table)} == {field.name for field in fields(arx_options.ARXOptions)}
-    plain = presets.network("titeth")
-    assert_values_as_documented(table, [arx_options.resolve(plain, 300, {}), arx_options.resolve_daily(plain, 300, {})])
-
-
-def test_every_option_of_direct_is_documented_with_its_value() -> None:
-    (table,) = tables(section("configuration.md", "Options of `direct`"))
-    assert {*first_names(table)} == {field.name for field in fields(arx_options.DirectOptions)}
-    assert_values_as_documented(table, [arx_options.DirectOptions()])
-
-
-def test_every_option_of_the_bank_is_documented_with_its_value() -> None:
-    (table,) = tables(section("configuration.md", "Options of `bank`"))
-    assert {*first_names(table)} == {field.name for field in fields(bank_options.BankOptions)}
-    numbers = [row for row in table if row[0] not in ("`members`", "`voice`")]
-    assert_values_as_documented(numbers, [bank_options.BankOptions()])
 
 
 def test_what_a_reload_can_change_is_documented() -> None:
@@ -334,17 +326,17 @@ def test_json_examples_have_the_fields_of_their_payloads(block: Block) -> None:
 def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Daemon, str]]:
     """The FlexHouse example and its Zenoh endpoint, running at a pace that outlasts the examples."""
     folder = tmp_path_factory.mktemp("daemon")
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    place = endpoint()
     settings = {
         "site.state_dir": str(folder / "state"),
         "zones.0.estimator_options.particles": 200,
         "sources.recording.pace": 150,
         "zenoh.enabled": True,
-        "zenoh.listen": [endpoint],
+        "zenoh.listen": [place],
     }
     with Daemon(EXAMPLES / "flexhouse.toml", folder / "log", settings) as running:
         running.wait(lambda zones: zones["office"]["samples"] >= 2)
-        yield running, endpoint
+        yield running, place
 
 
 def in_python_page(block: Any) -> bool:
@@ -358,9 +350,9 @@ def needs_a_daemon(block: Any) -> bool:
 
 @pytest.mark.parametrize("block", [block for block in blocks("python") if needs_a_daemon(block)])
 def test_python_examples_run(block: Block, daemon: tuple[Daemon, str]) -> None:
-    running, endpoint = daemon
+    running, place = daemon
     running.wait(lambda zones: zones["office"]["state"] == "running")
-    code = block.text.replace("http://127.0.0.1:8080", running.url()).replace("tcp/127.0.0.1:7447", endpoint)
+    code = block.text.replace("http://127.0.0.1:8080", running.url()).replace("tcp/127.0.0.1:7447", place)
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, timeout=180, check=False
     )
@@ -390,9 +382,10 @@ def test_the_python_page_runs_from_top_to_bottom(tmp_path: Path) -> None:
     assert shown
     for block, text in zip(page, printed, strict=False):
         if block.text in shown:
-            assert re.sub(r"[\d.]+|\((low|transitional|high)\)", "#", text) == re.sub(
-                r"[\d.]+|\((low|transitional|high)\)", "#", shown[block.text]
+            printed_as, shown_as = (
+                re.sub(r"[\d.]+|\((low|transitional|high)\)", "#", each) for each in (text, shown[block.text])
             )
+            assert printed_as == shown_as
     assert 'no column "Raum" for T_i [degC]; its columns are Raumtemperatur' in printed[-2]
 
 

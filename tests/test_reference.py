@@ -12,6 +12,7 @@ from typing import Any, Union, get_args, get_origin
 import pytest
 from pydantic import BaseModel
 from support import reference
+from support.harness import ROOT
 
 from adapters.kinds import SOURCE_KINDS
 from adapters.weather.config import WEATHER_KINDS
@@ -19,7 +20,6 @@ from service.config.network_tables import InlineConfig, PresetConfig
 from service.config.site import Config, ZoneConfig
 from service.publish.kinds import SINK_KINDS
 
-ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "docs" / "configuration.md", *sorted((ROOT / "adapters").glob("*/README.md"))]
 
 

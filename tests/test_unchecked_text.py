@@ -11,11 +11,10 @@ import pytest
 import zenoh
 from hypothesis import example, given
 from hypothesis import strategies as st
+from support.harness import PACKAGES, ROOT
 
 from adapters.fields.values import identifier
 
-ROOT = Path(__file__).parents[1]
-PACKAGES = ("estimator", "adapters", "service", "replay", "thermogate")
 FILES = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
 TREES = {str(path.relative_to(ROOT)): ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
 

@@ -27,8 +27,7 @@ from attack import telemetry, web
 from attack.victim import HOLD_SECONDS, MEMORY_MB, Target, Victim
 from support.certificates import make_pair
 from support.harness import Daemon
-from support.live_modbus import WORDS, configuration, running
-from support.modbus_plant import plant
+from support.modbus_plant import WORDS, configuration, plant, running
 
 HEALTH_SECONDS = 0.1
 

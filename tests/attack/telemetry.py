@@ -9,20 +9,21 @@ from __future__ import annotations
 import gzip
 import json
 import multiprocessing
-import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import tomli_w
 from attack.victim import Target
+from support import sites
 from support.broker import Party, broker
-from support.harness import Daemon, free_port
+from support.harness import Daemon
+from support.waiting import repeated
 from support.zenoh_parties import opened
+from support.zenoh_plant import endpoint
 
 from service.web.keys import create_key
 
@@ -32,7 +33,7 @@ SECONDS = 15.0
 WILD = 5
 """Zones that read the flooded key."""
 
-HONEST = {"T_i": ("room", "degC", "20.5"), "T_out": ("outside", "degC", "4"), "u_heat": ("heating", "W", "1500")}
+HONEST = {"T_i": ("plant/room", "20.5"), "T_out": ("plant/outside", "4"), "u_heat": ("plant/heating", "1500")}
 
 Put = Callable[[str, bytes], None]
 
@@ -56,110 +57,64 @@ def dense_lists() -> bytes:
 FLOODS = (long_base_name, many_records, dense_lists)
 
 
+def _flood(put: Put) -> None:
+    for flood in FLOODS:
+        for _ in range(MESSAGES // len(FLOODS)):
+            put("plant/wild", flood())
+
+
 def _mqtt_flood(place: str) -> None:
     with Party(int(place)) as party:
-        for flood in FLOODS:
-            for _ in range(MESSAGES // len(FLOODS)):
-                party.put("plant/wild", flood())
+        _flood(party.put)
         # It is at the broker behind all the others.
         party.put("plant/wild", b"[]", qos=1)
 
 
 def _zenoh_flood(place: str) -> None:
     with opened({"mode": "client", "connect/endpoints": [place]}) as session:
-        for flood in FLOODS:
-            for _ in range(MESSAGES // len(FLOODS)):
-                session.put("plant/wild", flood())
+        _flood(session.put)
         # What was put is sent by other threads.
         time.sleep(1.0)
 
 
-@contextmanager
-def _telling(put: Put) -> Iterator[None]:
+def _telling(put: Put) -> AbstractContextManager[None]:
     """Publish the honest values five times a second."""
-    ended = threading.Event()
-
-    def tell() -> None:
-        while not ended.wait(0.2):
-            for topic, _, value in HONEST.values():
-                put(f"plant/{topic}", value.encode())
-
-    thread = threading.Thread(target=tell)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
-
-
-def _zone(id: str, channels: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "id": id,
-        "period": "1s",
-        "network": "tite",
-        "hold_inputs": "20s",
-        "estimator_options": {"particles": 50},
-        "channels": channels,
-    }
-
-
-def _written(folder: Path, source: dict[str, Any], zones: Sequence[dict[str, Any]]) -> Path:
-    tables = {
-        "site": {"id": "plant", "state_dir": str(folder / "state")},
-        "sources": {"bus": source},
-        "zones": list(zones),
-    }
-    path = folder / "plant.toml"
-    path.write_text(tomli_w.dumps(tables), encoding="utf-8")
-    return path
+    return repeated(lambda: [put(topic, value.encode()) for topic, value in HONEST.values()])
 
 
 def _on_bus(folder: Path, source: dict[str, Any], locator: str) -> Path:
     """An honest zone, and WILD zones that all read the flooded key."""
-    honest = {
-        channel: {"source": "bus", locator: f"plant/{topic}", "unit": unit}
-        for channel, (topic, unit, _) in HONEST.items()
-    }
-    wild = {"source": "bus", locator: "plant/wild", "unit": "degC", "format": "senml"}
-    zones = [_zone("honest", honest)]
-    zones += [_zone(f"wild-{k}", honest | {"T_i": wild | {"record": f"T{k}"}}) for k in range(WILD)]
-    return _written(folder, source, zones)
-
-
-@contextmanager
-def _daemon(folder: Path, config: Path, key: str | None = None) -> Iterator[Daemon]:
-    with Daemon(config, folder / "log", {}) as daemon:
-        daemon.key = key
-        daemon.wait(lambda zones: zones["honest"]["samples"] >= 5)
-        yield daemon
+    honest = {channel: {locator: topic} for channel, (topic, _) in HONEST.items()}
+    wild = {locator: "plant/wild", "format": "senml"}
+    names = {"honest": honest} | {f"wild-{k}": honest | {"T_i": wild | {"record": f"T{k}"}} for k in range(WILD)}
+    zones = [sites.zone(name, "bus", places, hold_inputs="20s") for name, places in names.items()]
+    return sites.written(folder, {"bus": source}, zones)
 
 
 @contextmanager
 def on_mqtt(folder: Path) -> Iterator[tuple[Daemon, Callable[[Target], str]]]:
     """A daemon on a broker, and the flood of one topic there."""
-    with ExitStack() as stack:
-        site = stack.enter_context(broker(folder))
-        party = stack.enter_context(Party(site.port))
-        stack.enter_context(_telling(party.put))
+    with broker(folder) as site, Party(site.port) as party, _telling(party.put):
         source = {"kind": "mqtt", "host": "127.0.0.1", "port": site.port}
-        daemon = stack.enter_context(_daemon(folder, _on_bus(folder, source, "topic")))
-        yield daemon, lambda target: _flooded(daemon, _mqtt_flood, str(site.port))
+        with Daemon(_on_bus(folder, source, "topic"), folder / "log") as daemon:
+            daemon.wait(_begun)
+            yield daemon, lambda target: _flooded(daemon, _mqtt_flood, str(site.port))
 
 
 @contextmanager
 def on_zenoh(folder: Path) -> Iterator[tuple[Daemon, Callable[[Target], str]]]:
     """A daemon that a publisher on Zenoh connects to, and the flood of one key there."""
-    place = f"tcp/127.0.0.1:{free_port()}"
-    with ExitStack() as stack:
-        source = {"kind": "zenoh", "mode": "peer", "listen": [place], "writers": ["*"]}
-        running = Daemon(_on_bus(folder, source, "key"), folder / "log", {})
-        daemon = stack.enter_context(running)
+    place = endpoint()
+    source = {"kind": "zenoh", "mode": "peer", "listen": [place], "writers": ["*"]}
+    with Daemon(_on_bus(folder, source, "key"), folder / "log") as daemon:
         daemon.url()
-        session = stack.enter_context(opened({"mode": "client", "connect/endpoints": [place]}))
-        stack.enter_context(_telling(session.put))
-        daemon.wait(lambda zones: zones["honest"]["samples"] >= 5)
-        yield daemon, lambda target: _flooded(daemon, _zenoh_flood, place)
+        with opened({"mode": "client", "connect/endpoints": [place]}) as session, _telling(session.put):
+            daemon.wait(_begun)
+            yield daemon, lambda target: _flooded(daemon, _zenoh_flood, place)
+
+
+def _begun(zones: dict[str, Any]) -> bool:
+    return zones["honest"]["samples"] >= 5
 
 
 def _flooded(daemon: Daemon, flood: Callable[[str], None], place: str) -> str:
@@ -169,9 +124,9 @@ def _flooded(daemon: Daemon, flood: Callable[[str], None], place: str) -> str:
     assert process.exitcode == 0, "the attacker has failed"
     # What waits at the broker and in the daemon.
     time.sleep(5.0)
-    status = daemon.get("/zones/honest")[1]["status"]
-    assert not status["faults"], status["faults"]
-    wild = Counter(daemon.get("/zones/wild-0")[1]["status"]["faults"])
+    faults = daemon.status("honest")["faults"]
+    assert not faults, faults
+    wild = Counter(daemon.status("wild-0")["faults"])
     assert wild, "nothing of the flood has come"
     return f"{MESSAGES} messages of 64 kB; no fault of the honest zone, of the flooded one {dict(wild)}"
 
@@ -181,21 +136,20 @@ def _posted(
     folder: Path, attack: Callable[[Target, str, str], str]
 ) -> Iterator[tuple[Daemon, Callable[[Target], str]]]:
     """A daemon to which an honest client posts, and `attack`, which is given the key of another one."""
-    channels = {channel: {"source": "bus", "unit": unit} for channel, (_, unit, _) in HONEST.items()}
-    config = _written(folder, {"kind": "http"}, [_zone("honest", channels), _zone("other", channels)])
+    config = sites.written(
+        folder,
+        {"bus": {"kind": "http"}},
+        [sites.zone(name, "bus", {}, hold_inputs="20s") for name in ("honest", "other")],
+    )
     keys = folder / "state" / "keys.json"
     honest, tenant = create_key(keys, "honest", "write"), create_key(keys, "tenant", "write")
-    reader = create_key(keys, "reader", "read")
     statuses: Counter[int] = Counter()
-    body = json.dumps(
-        {"readings": [{"channel": channel, "value": float(value)} for channel, (_, _, value) in HONEST.items()]}
-    ).encode()
-    ended = threading.Event()
+    readings = [{"channel": channel, "value": float(value)} for channel, (_, value) in HONEST.items()]
+    body = json.dumps({"readings": readings}).encode()
 
-    def tell(target: Target) -> None:
-        while not ended.wait(0.2):
-            with suppress(OSError):
-                statuses[target.post("/zones/honest/readings", body, honest).status] += 1
+    def tell() -> None:
+        with suppress(OSError):
+            statuses[target.post("/zones/honest/readings", body, honest).status] += 1
 
     def attacked(target: Target) -> str:
         before = Counter(statuses)
@@ -204,17 +158,12 @@ def _posted(
         assert seen.keys() <= {200}, f"the honest client saw {dict(seen)}"
         return f"{note}; the honest client saw {dict(seen)}"
 
-    with Daemon(config, folder / "log", {}) as daemon:
-        daemon.key = reader
+    with Daemon(config, folder / "log") as daemon:
+        daemon.key = create_key(keys, "reader", "read")
         target = Target(int(daemon.url().rpartition(":")[2]))
-        teller = threading.Thread(target=tell, args=(target,))
-        teller.start()
-        try:
-            daemon.wait(lambda zones: zones["honest"]["samples"] >= 5)
+        with repeated(tell):
+            daemon.wait(_begun)
             yield daemon, attacked
-        finally:
-            ended.set()
-            teller.join()
 
 
 def _again_and_again(target: Target, key: str, kind: str, body: bytes, **headers: str) -> str:
@@ -233,14 +182,11 @@ def _again_and_again(target: Target, key: str, kind: str, body: bytes, **headers
     return f"{len(body)} bytes, {', '.join(f'{count} times {status}' for status, count in sorted(seen.items()))}"
 
 
-def _packed_base_name(target: Target, key: str, kind: str) -> str:
-    pack = [{"bn": "x" * 500_000}, *({"n": str(k), "v": 1} for k in range(19_990))]
-    return _again_and_again(target, key, kind, gzip.compress(json.dumps(pack).encode()), Content_Encoding="gzip")
-
-
-def _packed_values(target: Target, key: str, kind: str) -> str:
-    pack = [{"bn": "\N{THERMOMETER}" * 200}, *({"n": str(k), "v": 1} for k in range(19_990))]
-    return _again_and_again(target, key, kind, gzip.compress(json.dumps(pack).encode()), Content_Encoding="gzip")
+def _packed(base_name: str) -> Callable[[Target, str, str], str]:
+    """Posts of 20,000 values, packed, whose names begin with `base_name`."""
+    pack = [{"bn": base_name}, *({"n": str(k), "v": 1} for k in range(19_990))]
+    body = gzip.compress(json.dumps(pack).encode())
+    return lambda target, key, kind: _again_and_again(target, key, kind, body, Content_Encoding="gzip")
 
 
 def _never_ending(target: Target, key: str, kind: str) -> str:
@@ -269,8 +215,8 @@ def _never_ending(target: Target, key: str, kind: str) -> str:
 ATTACKS: dict[str, Callable[[Path], Any]] = {
     "31.2 a flood on MQTT": on_mqtt,
     "31.2 a flood on Zenoh": on_zenoh,
-    "31.1 a packed base name": lambda folder: _posted(folder, _packed_base_name),
-    "31.1 20,000 packed values with wide names": lambda folder: _posted(folder, _packed_values),
+    "31.1 a packed base name": lambda folder: _posted(folder, _packed("x" * 500_000)),
+    "31.1 20,000 packed values with wide names": lambda folder: _posted(folder, _packed("\N{THERMOMETER}" * 200)),
     "31.4 posts that never end": lambda folder: _posted(folder, _never_ending),
 }
 """For each, what runs a daemon in a folder, and gives it and the attack."""

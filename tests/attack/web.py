@@ -10,7 +10,7 @@ import multiprocessing
 import socket
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -24,6 +24,7 @@ ROWS = 20_000
 """As many rows of the history as one request may ask for."""
 
 CHUNKED = b"POST /zones/zone-one/forecast HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+TINY = b"1\r\na\r\n" * 2000
 HEAD = "Host: localhost\r\nContent-Type: application/json\r\n"
 
 
@@ -55,42 +56,40 @@ def _flood(target: Target, begin: bytes, endless: bytes, count: int, seconds: fl
     return sent, opened
 
 
-def _tiny_chunks(target: Target, count: int) -> str:
-    begin = f"POST /zones/zone-one/forecast HTTP/1.1\r\n{HEAD}Transfer-Encoding: chunked\r\n\r\n".encode()
-    sent, opened = _flood(target, begin, b"1\r\na\r\n" * 2000, count)
-    return f"{sent / 2**20:.0f} MB on {opened} connections"
+def _endless(path: str, piece: bytes, count: int) -> Callable[[Target], str]:
+    """`count` connections with a body that is `piece` over and over."""
+    begin = f"POST {path} HTTP/1.1\r\n{HEAD}Transfer-Encoding: chunked\r\n\r\n".encode()
+
+    def attack(target: Target) -> str:
+        sent, opened = _flood(target, begin, piece, count)
+        return f"{sent / 2**20:.0f} MB on {opened} connections"
+
+    return attack
 
 
-def one_tiny_chunk_connection(target: Target) -> str:
-    """One connection of endless chunks of one byte."""
-    return _tiny_chunks(target, 1)
-
-
-def sixty_tiny_chunk_connections(target: Target) -> str:
-    """Sixty of them."""
-    return _tiny_chunks(target, 60)
-
-
-def unread_bodies_on_open_paths(target: Target) -> str:
-    """Bodies without an end where nobody reads them."""
-    begin = f"POST /healthz HTTP/1.1\r\n{HEAD}Transfer-Encoding: chunked\r\n\r\n".encode()
-    sent, opened = _flood(target, begin, b"4000\r\n" + b"x" * 0x4000 + b"\r\n", 60)
-    return f"{sent / 2**20:.0f} MB on {opened} connections"
+def _held(target: Target, beginnings: Sequence[bytes], seconds: float) -> str:
+    """A connection for each of `beginnings`, none of which goes on."""
+    held = []
+    for begin in beginnings:
+        with contextlib.suppress(OSError):
+            connection = target.connect(5)
+            held.append(connection)
+            connection.sendall(begin)
+    time.sleep(seconds)
+    for connection in held:
+        connection.close()
+    return f"{len(held)} connections"
 
 
 def unfinished_bodies(target: Target) -> str:
     """200 bodies of nearly 1 MB that are never finished."""
     begin = f"POST /zones/zone-one/forecast HTTP/1.1\r\n{HEAD}Content-Length: 1000000\r\n\r\n".encode() + b"x" * 900_000
-    held = []
-    for _ in range(200):
-        with contextlib.suppress(OSError):
-            connection = target.connect(5)
-            held.append(connection)
-            connection.sendall(begin)
-    time.sleep(3)
-    for connection in held:
-        connection.close()
-    return f"{len(held)} connections"
+    return _held(target, [begin] * 200, 3)
+
+
+def silent_connections(target: Target) -> str:
+    """200 connections that say nothing, or the beginning of a request."""
+    return _held(target, [b"", b"GET /healthz HT"] * 100, 2)
 
 
 def many_headers(target: Target) -> str:
@@ -263,28 +262,13 @@ def odd_requests(target: Target) -> str:
     return f"{len(cases) + 2} requests"
 
 
-def silent_connections(target: Target) -> str:
-    """200 connections that say nothing, or the beginning of a request."""
-    held = []
-    for number in range(200):
-        with contextlib.suppress(OSError):
-            connection = target.connect(5)
-            connection.sendall(b"GET /healthz HT" if number % 2 else b"")
-            held.append(connection)
-    time.sleep(2)
-    for connection in held:
-        connection.close()
-    time.sleep(1)
-    return f"{len(held)} connections"
-
-
 BEFORE = {much_history: fill_history}
 """What an attack needs to find; called with the folder of the daemon before it starts."""
 
 ATTACKS = {
-    "1 one connection of tiny chunks": one_tiny_chunk_connection,
-    "1 sixty connections of tiny chunks": sixty_tiny_chunk_connections,
-    "1 bodies on paths that take none": unread_bodies_on_open_paths,
+    "1 one connection of tiny chunks": _endless("/zones/zone-one/forecast", TINY, 1),
+    "1 sixty connections of tiny chunks": _endless("/zones/zone-one/forecast", TINY, 60),
+    "1 bodies on paths that take none": _endless("/healthz", b"4000\r\n" + b"x" * 0x4000 + b"\r\n", 60),
     "1 bodies that do not end": unfinished_bodies,
     "1 headers of a few bytes": many_headers,
     "1 pipelined requests": pipelined_requests,

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from typing import Any
 
 import pytest
 from support.browser import browser
+from support.building import Building, building
 from support.waiting import PATIENCE
 
 SCREENS = {
@@ -45,8 +47,18 @@ class Watched:
 Visit = Callable[..., Watched]
 
 
+Serve = Callable[..., Building]
+
+
 @pytest.fixture
-def visit(chromium: Any) -> Iterator[Visit]:
+def serve() -> Iterator[Serve]:
+    """Serves a building until the pages that look at it are closed."""
+    with ExitStack() as stack:
+        yield lambda zones, **options: stack.enter_context(building(zones, **options))
+
+
+@pytest.fixture
+def visit(chromium: Any, serve: Serve) -> Iterator[Visit]:
     """Opens an address in a browser of its own; nothing may be complained about, and nothing asked elsewhere."""
     opened: list[tuple[Any, Watched, str, bool]] = []
 

@@ -1,4 +1,4 @@
-"""What the page weighs and how quick it is: `make page`, a minute or as long as it is told to stream.
+"""What the page weighs and how quick it is: `make page`, a minute.
 
 Invented zones behind the real HTTP server, and Debian's chromium with its processor throttled. The figures go into a
 JSON file and onto the terminal; docs/page.md has those of one machine.
@@ -6,23 +6,20 @@ JSON file and onto the terminal; docs/page.md has those of one machine.
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
 import sys
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+from integration.command import command
 from support.browser import browser, eventually
 from support.building import Building, building
 from support.fake_zones import FakeZone, running
-
-ROOT = Path(__file__).parents[2]
 
 THROTTLE = 6
 REPEATS = 5
@@ -131,53 +128,35 @@ def room(browser: Any, served: Building) -> dict[str, float]:
     return found
 
 
-def streaming(browser: Any, served: Building, seconds: float) -> dict[str, Any]:
-    """A thousand rooms with a sample every 5 min each, as they come: memory every tenth of the time, bytes in all."""
-    measured = Measured(browser)
-    page = measured.page
-    page.goto(served.url)
-    page.wait_for_selector("tr[data-zone]")
-    names = list(served.zones)
-    began, sent, heaps = time.monotonic(), 0, []
-    while (passed := time.monotonic() - began) < seconds:
-        due = int(passed / 300 * len(names))
-        while sent < due:
-            served.step(names[sent % len(names)])
-            sent += 1
-        if passed >= seconds * len(heaps) / 10:
-            heaps.append((round(passed), *measured.heap()))
-            print(f"  {passed:6.0f} s  {heaps[-1][1]:.2f} MB  {heaps[-1][2]} nodes", flush=True)
-        page.wait_for_timeout(500)
-    heaps.append((round(time.monotonic() - began), *measured.heap()))
-    size = sum(size for url, size in measured.bytes.items() if "/stream" in url)
-    measured.context.close()
-    return {"seconds": seconds, "samples": sent, "stream_kB": round(size / 1000, 1), "heap_MB_nodes": heaps}
+@dataclass
+class Figures:
+    """What was measured."""
+
+    overview: dict[int, dict[str, float]]
+    """By the number of rooms."""
+    scrolling: dict[str, float]
+    room: dict[str, float]
+    good: bool = True
+
+    def lines(self) -> list[str]:
+        """For a person."""
+        overviews = [f"overview of {count}: {found}" for count, found in self.overview.items()]
+        return [*overviews, f"scrolling: {self.scrolling}", f"room: {self.room}"]
 
 
-def main() -> int:
-    """Measure, print, and write the figures."""
-    parser = argparse.ArgumentParser(description="Measure the page with a real browser.")
-    parser.add_argument("--out", type=Path, default=ROOT / "var" / "page.json", help="file of the figures")
-    parser.add_argument("--stream", type=float, default=60.0, help="seconds of streaming")
-    arguments = parser.parse_args()
-    figures: dict[str, Any] = {}
+def measure() -> Figures:
+    """Measure everything."""
+    found = Figures({}, {}, {})
     with browser() as launched:
         for count in (1, 30, 1000):
             with building(rooms(count)) as served:
-                figures[f"overview of {count}"] = paint(launched, served)
-                print(count, figures[f"overview of {count}"], flush=True)
+                found.overview[count] = paint(launched, served)
                 if count == 30:
-                    figures["room"] = room(launched, served)
-                    print("room", figures["room"], flush=True)
+                    found.room = room(launched, served)
                 if count == 1000:
-                    figures["scrolling"] = scrolling(launched, served)
-                    print("scrolling", figures["scrolling"], flush=True)
-                    figures["streaming"] = streaming(launched, served, arguments.stream)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    arguments.out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
-    print(arguments.out)
-    return 0
+                    found.scrolling = scrolling(launched, served)
+    return found
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(command("measure the page with a real browser", measure))

@@ -8,11 +8,9 @@ made again.
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
 import tempfile
 import time
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,10 +20,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from support.browser import browser, eventually
-from support.harness import free_port
-from support.waiting import wait_until
-
-ROOT = Path(__file__).parents[2]
+from support.harness import ROOT
+from support.processes import Program
 
 PHOTOGRAPHED = (
     # name, path, width, height, colours, language
@@ -52,27 +48,13 @@ def main() -> int:
 @contextmanager
 def demo(*options: str) -> Iterator[tuple[str, int]]:
     """The living demo, once it serves its page: the address, and the process."""
-    port = free_port()
-    url = f"http://127.0.0.1:{port}"
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "service", "demo", "--port", str(port), "--directory", folder]
+        command = [sys.executable, "-m", "service", "demo", "--port", "0", "--directory", folder]
         # Zenoh's port belongs to whatever else runs here.
         command += ["--set", "zenoh.enabled=false", *options]
-        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        try:
-            wait_until(lambda: process.poll() is not None or _serves(url))
-            yield url, process.pid
-        finally:
-            process.terminate()
-            process.wait()
-
-
-def _serves(url: str) -> bool:
-    try:
-        with urllib.request.urlopen(url, timeout=10):
-            return True
-    except OSError:
-        return False
+        with Program(command, Path(folder) / "log", cwd=ROOT) as running:
+            yield running.says(r"serving on (\S+)", 600)[1], running.process.pid
+            running.terminate()
 
 
 def _photograph(url: str, out: Path) -> None:

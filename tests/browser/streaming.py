@@ -7,24 +7,22 @@ where memory has grown.
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
 import sys
 import time
 import urllib.request
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from evidence import Measured
-from screenshots import demo
+from browser.evidence import Measured
+from browser.screenshots import demo
+from integration.command import command
 from support.browser import browser, eventually
-
-ROOT = Path(__file__).parents[2]
 
 PAGES = {"overview": "/", "room": "/#/zone/room1"}
 LOOKS = 20
@@ -46,7 +44,8 @@ HELD = {"object", "array", "string", "concatenated string", "sliced string", "nu
 compiling for hours."""
 
 
-class Look(NamedTuple):
+@dataclass(frozen=True)
+class Look:
     """Memory at one moment."""
 
     seconds: int
@@ -58,22 +57,6 @@ class Look(NamedTuple):
     """Resident."""
     held_mb: dict[str, float]
     """What each page holds; at the end of the settling and at the end only, for it takes seconds."""
-
-
-def main() -> int:
-    """Stream, print, write the figures; 1 where memory grows."""
-    parser = argparse.ArgumentParser(description="Stream a real daemon into a real browser and look at the memory.")
-    parser.add_argument("--out", type=Path, default=ROOT / "var" / "page-stream.json", help="file of the figures")
-    parser.add_argument("--seconds", type=float, default=3600.0, help="how long")
-    parser.add_argument("--pace", type=float, default=600.0, help="multiple of real time")
-    arguments = parser.parse_args()
-    with demo("--pace", f"{arguments.pace:g}") as (url, process):
-        looks = _stream(url, process, arguments.seconds)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    figures = {"pace": arguments.pace, "looks": [look._asdict() for look in looks]}
-    arguments.out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
-    print(arguments.out)
-    return _judged(looks)
 
 
 def _stream(url: str, daemon: int, seconds: float) -> list[Look]:
@@ -131,23 +114,40 @@ def _resident(pid: int) -> float:
     return next(int(line.split()[1]) * 1024 / 1e6 for line in lines if line.startswith("VmRSS:"))
 
 
-def _judged(looks: Sequence[Look]) -> int:
-    """Print how fast everything grew once it had settled; 1 where that is too fast."""
-    first, last = (look for look in looks if look.held_mb)
-    hours = (last.seconds - first.seconds) / 3600
-    settled = [look for look in looks if look.seconds >= first.seconds]
-    times = [look.seconds / 3600 for look in settled]
-    daemon = statistics.linear_regression(times, [look.daemon_mb for look in settled])
-    rates = {name: (last.held_mb[name] - first.held_mb[name]) / hours for name in PAGES} | {"daemon": daemon.slope}
-    for name, rate in rates.items():
-        print(f"{name}: {rate:+.2f} MB an hour, {FLAT[name]:.2f} at most")
-    if last.seconds < SHORTEST:
-        print(f"less than {SHORTEST} s tell nothing")
-        return 0
-    grown = [name for name, rate in rates.items() if rate > FLAT[name]]
-    print(f"memory grows: {', '.join(grown)}" if grown else "memory is flat")
-    return 1 if grown else 0
+@dataclass
+class Streamed:
+    """What was seen."""
+
+    pace: float
+    looks: list[Look]
+
+    def _rates(self) -> dict[str, float]:
+        """MB an hour by which everything grew once it had settled."""
+        first, last = (look for look in self.looks if look.held_mb)
+        hours = (last.seconds - first.seconds) / 3600
+        settled = [look for look in self.looks if look.seconds >= first.seconds]
+        times = [look.seconds / 3600 for look in settled]
+        daemon = statistics.linear_regression(times, [look.daemon_mb for look in settled])
+        return {name: (last.held_mb[name] - first.held_mb[name]) / hours for name in PAGES} | {"daemon": daemon.slope}
+
+    @property
+    def good(self) -> bool:
+        """Whether nothing grows too fast; little time tells nothing."""
+        return self.looks[-1].seconds < SHORTEST or all(rate <= FLAT[name] for name, rate in self._rates().items())
+
+    def lines(self) -> list[str]:
+        """For a person."""
+        rates = [f"{name}: {rate:+.2f} MB an hour, {FLAT[name]:.2f} at most" for name, rate in self._rates().items()]
+        return [*rates, f"less than {SHORTEST} s tell nothing"] if self.looks[-1].seconds < SHORTEST else rates
+
+
+def measure(seconds: float, pace: float) -> Streamed:
+    """Stream for so long at a multiple of real time."""
+    with demo("--pace", f"{pace:g}") as (url, process):
+        return Streamed(pace, _stream(url, process, seconds))
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(
+        command("stream a real daemon into a real browser and look at the memory", measure, seconds=3600.0, pace=600.0)
+    )

@@ -74,72 +74,66 @@ def test_a_room_opens_with_answers_and_what_to_do(visit: Any, house: Building) -
     assert "02:10" in page.locator("time").first.inner_text()
 
 
-def test_what_happens_now_is_told_and_so_is_what_has_passed(visit: Any) -> None:
+def test_what_happens_now_is_told_and_so_is_what_has_passed(serve: Any, visit: Any) -> None:
     zone = running("living", 288 + 200)
-    with building({"living": zone}) as house:
-        page = opened(visit, house).page
+    house = serve({"living": zone})
+    page = opened(visit, house).page
+    house.step("living")
+    page.wait_for_selector("text=Something acts on the room that nobody measures")
+    for _ in range(30):
         house.step("living")
-        page.wait_for_selector("text=Something acts on the room that nobody measures")
-        for _ in range(30):
-            house.step("living")
-        page.wait_for_selector("text=Nothing speaks against the forecasts now.")
-        house.step("living", state="stalled", reason="T_out is 1500 s old")
-        page.wait_for_selector("text=There is no current forecast; the last one is old.")
-        assert page.locator(".pill").inner_text() == "stalled"
-        assert page.locator(".doubt li [lang=en]").inner_text() == "T_out is 1500 s old"
+    page.wait_for_selector("text=Nothing speaks against the forecasts now.")
+    house.step("living", state="stalled", reason="T_out is 1500 s old")
+    page.wait_for_selector("text=There is no current forecast; the last one is old.")
+    assert page.locator(".pill").inner_text() == "stalled"
+    assert page.locator(".doubt li [lang=en]").inner_text() == "T_out is 1500 s old"
 
 
-def test_trust_is_told_with_its_reason(visit: Any) -> None:
+def test_trust_is_told_with_its_reason(serve: Any, visit: Any) -> None:
     zone = running("living", 300)
     narrow = "the intervals 6 h ahead held 71 % of what came"
     horizons = (HorizonTrust(3600, "trusted", "", START), HorizonTrust(21600, "doubtful", narrow, START))
     zone.trusted = Trust(START, horizons)
-    with building({"living": zone}) as house:
-        page = visit(house.url).page
-        page.wait_for_selector('[data-zone="living"]')
-        assert page.locator('[data-zone="living"] .cell-trust').inner_text() == "doubtful"
-        assert page.locator('[data-zone="living"] .cell-finding').inner_text() == narrow
-        page.locator('[data-zone="living"] a').click()
-        page.wait_for_selector("text=6 h ahead, the forecast is doubtful:")
-        assert page.locator(".doubt li [lang=en]").inner_text() == narrow
-        zone.trusted = Trust(
-            START, horizons[:1], beaten="6h ahead, a regression on the last hours is the better forecast"
-        )
-        page.goto(house.url)
-        page.wait_for_selector('[data-zone="living"]')
-        assert "regression" in page.locator('[data-zone="living"] .cell-finding').inner_text()
-        page.locator('[data-zone="living"] a').click()
-        page.wait_for_selector(".doubt.warned >> text=a regression on the last hours is the better forecast")
-        # What is still being loaded is given up before the daemon goes.
-        page.goto("about:blank")
+    house = serve({"living": zone})
+    page = visit(house.url).page
+    page.wait_for_selector('[data-zone="living"]')
+    assert page.locator('[data-zone="living"] .cell-trust').inner_text() == "doubtful"
+    assert page.locator('[data-zone="living"] .cell-finding').inner_text() == narrow
+    page.locator('[data-zone="living"] a').click()
+    page.wait_for_selector("text=6 h ahead, the forecast is doubtful:")
+    assert page.locator(".doubt li [lang=en]").inner_text() == narrow
+    zone.trusted = Trust(START, horizons[:1], beaten="6h ahead, a regression on the last hours is the better forecast")
+    page.goto(house.url)
+    page.wait_for_selector('[data-zone="living"]')
+    assert "regression" in page.locator('[data-zone="living"] .cell-finding').inner_text()
+    page.locator('[data-zone="living"] a').click()
+    page.wait_for_selector(".doubt.warned >> text=a regression on the last hours is the better forecast")
 
 
-def test_the_daemon_speaks_german_on_the_german_page(visit: Any) -> None:
+def test_the_daemon_speaks_german_on_the_german_page(serve: Any, visit: Any) -> None:
     zone = running("living", 300)
     reason = "T_out is 1500 s old, older than hold_inputs = 900 s"
     zone.diagnosis = Diagnosis((Finding("parameter-at-bound", "C_i", "a sentence of a newer daemon"),))
     zone.faults = {"ahead_of_time": 2}
-    with building({"living": zone}) as house:
-        # The browser logs the 503 that a stalled room answers.
-        watched = visit(house.url, locale="de-DE", quiet=False)
-        page = watched.page
-        page.wait_for_selector('[data-zone="living"]')
-        house.step("living", state="stalled", reason=f"{reason}; the wire is cut")
-        page.wait_for_selector("text=T_out ist 1500 s alt, älter als hold_inputs = 900 s; the wire is cut")
-        page.locator('[data-zone="living"] a').click()
-        eventually(page, f"{PLOTTED} >= 1")
-        own = page.locator(".doubt li span")
-        assert own.inner_text() == "T_out ist 1500 s alt, älter als hold_inputs = 900 s; the wire is cut"
-        assert own.get_attribute("lang") == "de"
-        page.wait_for_selector(".findings li [lang=en]")
-        assert page.locator(".findings li [lang=en]").last.inner_text() == "a sentence of a newer daemon"
-        page.locator(".expert summary").click()
-        page.wait_for_selector("text=Abgelehnte Messwerte: 2 aus der Zukunft")
-        assert [url for url in watched.requests if "said-de" in url], "the file of this language"
-        page.locator("#language").select_option("en")
-        page.wait_for_selector(f"text={reason}; the wire is cut")
-        # What is still being loaded is given up before the daemon goes.
-        page.goto("about:blank")
+    house = serve({"living": zone})
+    # The browser logs the 503 that a stalled room answers.
+    watched = visit(house.url, locale="de-DE", quiet=False)
+    page = watched.page
+    page.wait_for_selector('[data-zone="living"]')
+    house.step("living", state="stalled", reason=f"{reason}; the wire is cut")
+    page.wait_for_selector("text=T_out ist 1500 s alt, älter als hold_inputs = 900 s; the wire is cut")
+    page.locator('[data-zone="living"] a').click()
+    eventually(page, f"{PLOTTED} >= 1")
+    own = page.locator(".doubt li span")
+    assert own.inner_text() == "T_out ist 1500 s alt, älter als hold_inputs = 900 s; the wire is cut"
+    assert own.get_attribute("lang") == "de"
+    page.wait_for_selector(".findings li [lang=en]")
+    assert page.locator(".findings li [lang=en]").last.inner_text() == "a sentence of a newer daemon"
+    page.locator(".expert summary").click()
+    page.wait_for_selector("text=Abgelehnte Messwerte: 2 aus der Zukunft")
+    assert [url for url in watched.requests if "said-de" in url], "the file of this language"
+    page.locator("#language").select_option("en")
+    page.wait_for_selector(f"text={reason}; the wire is cut")
 
 
 def series_of(page: Any, which: str = "history") -> list[dict[str, Any]]:
@@ -170,53 +164,49 @@ def with_gain(name: str) -> FakeZone:
     return zone
 
 
-def test_set_point_and_unmeasured_heat_are_drawn_where_they_are_known(visit: Any) -> None:
-    with building({"both": with_gain("both"), "none": running("none", 288)}) as house:
-        page = opened(visit, house, "both").page
-        drawn = {str(one["hovertemplate"]).rpartition("<extra>")[2]: one["y"] for one in series_of(page)}
-        assert {20.0, 21.0} <= set(drawn["set-point</extra>"])
-        gain = [value for value in drawn["unmeasured heat</extra>"] if value is not None]
-        assert (min(gain), max(gain)) == (100.0, 387.0)
-        titles = "document.querySelector('.plot.history').layout.annotations.map(({text}) => text)"
-        assert "W unmeasured" in page.evaluate(titles)
-        assert serious(page) == []
-        page.goto(f"{house.url}/#/zone/none")
-        eventually(page, "document.querySelector('h1')?.textContent === 'none'")
-        eventually(page, f"{PLOTTED} >= 2")
-        assert "set-point</extra>" not in str(series_of(page))
-        assert "W unmeasured" not in page.evaluate(titles)
-        # What is still being loaded is given up before the daemon goes.
-        page.goto("about:blank")
+def test_set_point_and_unmeasured_heat_are_drawn_where_they_are_known(serve: Any, visit: Any) -> None:
+    house = serve({"both": with_gain("both"), "none": running("none", 288)})
+    page = opened(visit, house, "both").page
+    drawn = {str(one["hovertemplate"]).rpartition("<extra>")[2]: one["y"] for one in series_of(page)}
+    assert {20.0, 21.0} <= set(drawn["set-point</extra>"])
+    gain = [value for value in drawn["unmeasured heat</extra>"] if value is not None]
+    assert (min(gain), max(gain)) == (100.0, 387.0)
+    titles = "document.querySelector('.plot.history').layout.annotations.map(({text}) => text)"
+    assert "W unmeasured" in page.evaluate(titles)
+    assert serious(page) == []
+    page.goto(f"{house.url}/#/zone/none")
+    eventually(page, "document.querySelector('h1')?.textContent === 'none'")
+    eventually(page, f"{PLOTTED} >= 2")
+    assert "set-point</extra>" not in str(series_of(page))
+    assert "W unmeasured" not in page.evaluate(titles)
 
 
-def test_lines_are_named_and_hovering_tells_the_time_in_utc(visit: Any) -> None:
-    with building({"both": with_gain("both")}) as house:
-        page = opened(visit, house, "both").page
-        names = ["forecast before", "measured", "set-point", "T_out", "T_adj", "u_heat", "unmeasured heat"]
-        assert page.locator(".legend").first.locator("li").all_inner_texts() == names
-        page.locator(".expert summary").click()
-        eventually(page, "document.querySelector('.legend').textContent.endsWith('αgate')")
-        drawn = "document.querySelector('.plot.history .main-svg').getBoundingClientRect().height"
-        whole = "document.querySelector('.plot.history').getBoundingClientRect().height"
-        assert page.evaluate(f"{drawn} === {whole}"), "two panels more are higher"
-        page.locator(".plan-box button", has_text="Off", has_not_text="until").click()
-        eventually(page, "document.querySelectorAll('.legend')[1].textContent.endsWith('without the plan')")
-        assert serious(page) == []
-        for plot in (".plot.history", ".plot.fan"):
-            page.locator(plot).scroll_into_view_if_needed()
-            box = page.locator(plot).bounding_box()
-            page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + 60)
-            text = f"[...document.querySelectorAll('{plot} .hoverlayer text')].map((one) => one.textContent).join(' ')"
-            eventually(page, f"{text}.includes('UTC')")
-            told = re.search(r"(\d\d):(\d\d) .* °C.* · 2025-05-\d\d (\d\d):(\d\d) UTC", page.evaluate(text))
-            assert told is not None, page.evaluate(text)
-            ahead = 60 * (int(told[1]) - int(told[3])) + int(told[2]) - int(told[4])
-            assert ahead % 1440 == 120, "Berlin's time, and UTC"
-        # What is still being loaded is given up before the daemon goes.
-        page.goto("about:blank")
+def test_lines_are_named_and_hovering_tells_the_time_in_utc(serve: Any, visit: Any) -> None:
+    house = serve({"both": with_gain("both")})
+    page = opened(visit, house, "both").page
+    names = ["forecast before", "measured", "set-point", "T_out", "T_adj", "u_heat", "unmeasured heat"]
+    assert page.locator(".legend").first.locator("li").all_inner_texts() == names
+    page.locator(".expert summary").click()
+    eventually(page, "document.querySelector('.legend').textContent.endsWith('αgate')")
+    drawn = "document.querySelector('.plot.history .main-svg').getBoundingClientRect().height"
+    whole = "document.querySelector('.plot.history').getBoundingClientRect().height"
+    assert page.evaluate(f"{drawn} === {whole}"), "two panels more are higher"
+    page.locator(".plan-box button", has_text="Off", has_not_text="until").click()
+    eventually(page, "document.querySelectorAll('.legend')[1].textContent.endsWith('without the plan')")
+    assert serious(page) == []
+    for plot in (".plot.history", ".plot.fan"):
+        page.locator(plot).scroll_into_view_if_needed()
+        box = page.locator(plot).bounding_box()
+        page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + 60)
+        text = f"[...document.querySelectorAll('{plot} .hoverlayer text')].map((one) => one.textContent).join(' ')"
+        eventually(page, f"{text}.includes('UTC')")
+        told = re.search(r"(\d\d):(\d\d) .* °C.* · 2025-05-\d\d (\d\d):(\d\d) UTC", page.evaluate(text))
+        assert told is not None, page.evaluate(text)
+        ahead = 60 * (int(told[1]) - int(told[3])) + int(told[2]) - int(told[4])
+        assert ahead % 1440 == 120, "Berlin's time, and UTC"
 
 
-def test_the_fan_says_where_its_inputs_come_from(visit: Any) -> None:
+def test_the_fan_says_where_its_inputs_come_from(serve: Any, visit: Any) -> None:
     zone = running("living", 300)
     origins = (
         InputOrigin("T_out", "weather", "forecast", 7200.0, Quality.UNCERTAIN),
@@ -224,20 +214,18 @@ def test_the_fan_says_where_its_inputs_come_from(visit: Any) -> None:
         InputOrigin("u_heat", "held", "", 60.0, Quality.GOOD),
     )
     zone.origins = origins
-    with building({"living": zone}) as house:
-        page = opened(visit, house).page
-        page.wait_for_selector("text=With the inputs as foreseen below, the lowest is")
-        assert page.locator(".origins li").all_inner_texts() == [
-            "T_out: weather forecast “forecast”, 2 h old, as far as it reaches, then as it is now",
-            "T_adj: as it went yesterday",
-            "u_heat: as it is now (measured 60 s ago)",
-        ]
-        page.locator(".plan-box button", has_text="Off", has_not_text="until").click()
-        page.wait_for_selector("text=u_heat: as planned")
-        page.locator("#language").select_option("de")
-        page.wait_for_selector("text=T_adj: wie gestern verlaufen")
-        # What is still being loaded is given up before the daemon goes.
-        page.goto("about:blank")
+    house = serve({"living": zone})
+    page = opened(visit, house).page
+    page.wait_for_selector("text=With the inputs as foreseen below, the lowest is")
+    assert page.locator(".origins li").all_inner_texts() == [
+        "T_out: weather forecast “forecast”, 2 h old, as far as it reaches, then as it is now",
+        "T_adj: as it went yesterday",
+        "u_heat: as it is now (measured 60 s ago)",
+    ]
+    page.locator(".plan-box button", has_text="Off", has_not_text="until").click()
+    page.wait_for_selector("text=u_heat: as planned")
+    page.locator("#language").select_option("de")
+    page.wait_for_selector("text=T_adj: wie gestern verlaufen")
 
 
 MEASURING = """() => {
@@ -247,25 +235,23 @@ MEASURING = """() => {
 }"""
 
 
-def test_a_chart_that_moves_with_time_has_no_label_measured_anew(visit: Any) -> None:
+def test_a_chart_that_moves_with_time_has_no_label_measured_anew(serve: Any, visit: Any) -> None:
     """plotly.js keeps the size of every label that it measures, at every place where it measures it."""
-    with building({"living": running("living", 300)}) as house:
-        page = opened(visit, house).page
-        page.evaluate(MEASURING)
-        for _ in range(12):
-            house.step("living")
-            newest = house.zones["living"].updates[-1].time
-            eventually(page, f"Date.parse(document.querySelector('.figures time').dateTime) === {newest}000")
-            page.locator(".controls button", has_text="1 d").click()
-            # Two hours ahead of UTC, at the end of the interval.
-            end = f"{datetime.fromtimestamp(newest + 300 + 7200, UTC):%Y-%m-%dT%H:%M}"
-            eventually(page, f"document.querySelector('.plot.history').layout.xaxis.range[1].startsWith('{end}')")
-        assert page.evaluate("window.measured") == 0
-        # That it would have been noticed: an axis that turns its labels where they are long has to measure them.
-        page.evaluate("window.Plotly.relayout(document.querySelector('.plot.history'), {'xaxis.tickangle': 'auto'})")
-        eventually(page, "window.measured > 0")
-        # What is still being loaded is given up before the daemon goes.
-        page.goto("about:blank")
+    house = serve({"living": running("living", 300)})
+    page = opened(visit, house).page
+    page.evaluate(MEASURING)
+    for _ in range(12):
+        house.step("living")
+        newest = house.zones["living"].updates[-1].time
+        eventually(page, f"Date.parse(document.querySelector('.figures time').dateTime) === {newest}000")
+        page.locator(".controls button", has_text="1 d").click()
+        # Two hours ahead of UTC, at the end of the interval.
+        end = f"{datetime.fromtimestamp(newest + 300 + 7200, UTC):%Y-%m-%dT%H:%M}"
+        eventually(page, f"document.querySelector('.plot.history').layout.xaxis.range[1].startsWith('{end}')")
+    assert page.evaluate("window.measured") == 0
+    # That it would have been noticed: an axis that turns its labels where they are long has to measure them.
+    page.evaluate("window.Plotly.relayout(document.querySelector('.plot.history'), {'xaxis.tickangle': 'auto'})")
+    eventually(page, "window.measured > 0")
 
 
 def test_plotly_is_asked_for_once_and_only_by_a_room(visit: Any, house: Building) -> None:
@@ -377,27 +363,25 @@ def test_the_plan_is_made_by_hand_and_the_fan_follows(visit: Any, house: Buildin
     page.wait_for_selector("text=With everything as it is now")
 
 
-def test_a_plan_moves_on_with_the_time(visit: Any) -> None:
-    with building({"living": running("living", 300)}) as house:
-        page = opened(visit, house, before=lambda page: page.clock.install()).page
-        page.wait_for_selector("text=With everything as it is now, the lowest is")
-        first = ".plan g"
-        # The newest sample ends at 01:00 UTC, which is 03:00 at the site.
-        assert page.locator(first).first.get_attribute("aria-label") == "from Sun, May 4, 03:00"
-        page.locator(".plan-box input[type=time]").fill("07:00")
-        page.locator(".plan-box button", has_text="Off until").click()
-        page.wait_for_selector("text=Under this plan, the lowest is")
-        page.locator(first).nth(3).focus()
-        for _ in range(24):
-            house.step("living")
-        eventually(page, "document.querySelector('.figures time').dateTime.startsWith('2025-05-04T02:55')")
-        page.clock.fast_forward(31_000)
-        eventually(page, f"document.querySelector('{first}').getAttribute('aria-label') === 'from Sun, May 4, 05:00'")
-        heights = [one.get_attribute("aria-valuenow") for one in page.locator(first).all()]
-        assert heights == ["0", "0", *["6"] * 22], "still off until seven"
-        assert page.evaluate("document.activeElement.getAttribute('aria-label')") == "from Sun, May 4, 06:00"
-        # What is still being loaded is given up before the daemon goes.
-        page.goto("about:blank")
+def test_a_plan_moves_on_with_the_time(serve: Any, visit: Any) -> None:
+    house = serve({"living": running("living", 300)})
+    page = opened(visit, house, before=lambda page: page.clock.install()).page
+    page.wait_for_selector("text=With everything as it is now, the lowest is")
+    first = ".plan g"
+    # The newest sample ends at 01:00 UTC, which is 03:00 at the site.
+    assert page.locator(first).first.get_attribute("aria-label") == "from Sun, May 4, 03:00"
+    page.locator(".plan-box input[type=time]").fill("07:00")
+    page.locator(".plan-box button", has_text="Off until").click()
+    page.wait_for_selector("text=Under this plan, the lowest is")
+    page.locator(first).nth(3).focus()
+    for _ in range(24):
+        house.step("living")
+    eventually(page, "document.querySelector('.figures time').dateTime.startsWith('2025-05-04T02:55')")
+    page.clock.fast_forward(31_000)
+    eventually(page, f"document.querySelector('{first}').getAttribute('aria-label') === 'from Sun, May 4, 05:00'")
+    heights = [one.get_attribute("aria-valuenow") for one in page.locator(first).all()]
+    assert heights == ["0", "0", *["6"] * 22], "still off until seven"
+    assert page.evaluate("document.activeElement.getAttribute('aria-label')") == "from Sun, May 4, 06:00"
 
 
 def test_off_until_six(visit: Any, house: Building) -> None:
@@ -482,25 +466,25 @@ def hostile_network() -> Network:
     )
 
 
-def test_hostile_names_are_text_wherever_they_show(visit: Any) -> None:
+def test_hostile_names_are_text_wherever_they_show(serve: Any, visit: Any) -> None:
     network = hostile_network()
     zone = replace(running(HOSTILE), network=network, updates=[make_update(step, network) for step in range(40)])
     zone.reason = HOSTILE
     zone.faults = {HOSTILE: 3}
     zone.diagnosis = Diagnosis((Finding("parameter-at-bound", f"C{HOSTILE}", HOSTILE),))
-    with building({HOSTILE: zone}, site=HOSTILE) as house:
-        page = visit(house.url).page
-        page.wait_for_selector("tr[data-zone] a")
-        assert page.locator("tr[data-zone] a").inner_text() == HOSTILE
-        page.locator("tr[data-zone] a").click()
-        eventually(page, f"{PLOTTED} >= 2")
-        page.locator(".expert summary").click()
-        page.wait_for_selector(".plan-box")
-        page.locator(".plot.history").scroll_into_view_if_needed()
-        box = page.locator(".plot.history").bounding_box()
-        page.mouse.move(box["x"] + box["width"] * 0.9, box["y"] + 60)
-        page.wait_for_selector(".hoverlayer text", state="attached")
-        assert page.evaluate("window.hacked") is None
-        assert page.locator("img").count() == 0
-        assert page.locator("h1").inner_text() == HOSTILE
-        assert HOSTILE in page.locator("#site").inner_text()
+    house = serve({HOSTILE: zone}, site=HOSTILE)
+    page = visit(house.url).page
+    page.wait_for_selector("tr[data-zone] a")
+    assert page.locator("tr[data-zone] a").inner_text() == HOSTILE
+    page.locator("tr[data-zone] a").click()
+    eventually(page, f"{PLOTTED} >= 2")
+    page.locator(".expert summary").click()
+    page.wait_for_selector(".plan-box")
+    page.locator(".plot.history").scroll_into_view_if_needed()
+    box = page.locator(".plot.history").bounding_box()
+    page.mouse.move(box["x"] + box["width"] * 0.9, box["y"] + 60)
+    page.wait_for_selector(".hoverlayer text", state="attached")
+    assert page.evaluate("window.hacked") is None
+    assert page.locator("img").count() == 0
+    assert page.locator("h1").inner_text() == HOSTILE
+    assert HOSTILE in page.locator("#site").inner_text()

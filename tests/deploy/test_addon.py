@@ -11,9 +11,7 @@ import subprocess
 import sys
 import time
 import tomllib
-import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -24,7 +22,8 @@ import jsonschema
 import pytest
 import yaml
 from support.broker import Mosquitto, Party, broker, program
-from support.harness import ROOT
+from support.harness import ROOT, ask
+from support.processes import Program
 from support.recorder import database
 from support.waiting import PATIENCE, wait_until
 
@@ -100,10 +99,13 @@ def test_it_follows_the_rules_of_the_supervisor() -> None:
         assert (FOLDER / name).read_text(encoding="utf-8").strip(), name
 
 
-def test_it_has_the_version_of_the_project() -> None:
+def test_it_has_the_version_of_the_project_and_pictures_of_the_sizes_that_are_shown() -> None:
     version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     assert CONFIG["version"] == version
     assert f"## {version}\n" in (FOLDER / "CHANGELOG.md").read_text(encoding="utf-8")
+    for name, size in (("icon.png", (128, 128)), ("logo.png", (250, 100))):
+        head = (FOLDER / name).read_bytes()[:24]
+        assert (head[:8], struct.unpack(">II", head[16:24])) == (b"\x89PNG\r\n\x1a\n", size)
 
 
 @pytest.mark.parametrize("language", ["en", "de"])
@@ -113,13 +115,6 @@ def test_every_option_is_explained(language: str) -> None:
     assert all(set(text) == {"name", "description"} for text in texts.values())
     for field in CONFIG["schema"]["rooms"][0]:
         assert f"{field}:" in texts["rooms"]["description"]
-
-
-@pytest.mark.parametrize(("name", "size"), [("icon.png", (128, 128)), ("logo.png", (250, 100))])
-def test_its_pictures_have_the_sizes_that_are_shown(name: str, size: tuple[int, int]) -> None:
-    head = (FOLDER / name).read_bytes()[:24]
-    assert head[:8] == b"\x89PNG\r\n\x1a\n"
-    assert struct.unpack(">II", head[16:24]) == size
 
 
 class Supervisor(BaseHTTPRequestHandler):
@@ -188,49 +183,27 @@ def site(tmp_path: Path, house: House) -> Iterator[Mosquitto]:
         yield running
 
 
-class Addon:
+class Addon(Program):
     """The start script in an environment such as the Supervisor's."""
 
     def __init__(self, folder: Path, house: House, rooms: list[dict[str, Any]], *options: str) -> None:
-        self.data = folder / "data"
-        self.data.mkdir(exist_ok=True)
-        self._log = folder / "addon.log"
-        (self.data / "options.json").write_text(json.dumps({"outdoor": "weather.home", "rooms": rooms}))
+        data = folder / "data"
+        data.mkdir(exist_ok=True)
+        (data / "options.json").write_text(json.dumps({"outdoor": "weather.home", "rooms": rooms}))
         environment = os.environ | {
             "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
             "SUPERVISOR_TOKEN": TOKEN,
             "SUPERVISOR_URL": f"http://127.0.0.1:{house.server_port}",
-            "ADDON_DATA": str(self.data),
+            "ADDON_DATA": str(data),
             "HOMEASSISTANT_CONFIG": str(folder),
             "TELEMETRY_SECONDS": "0.2",
         }
-        with self._log.open("w") as log:
-            command = [sys.executable, FOLDER / "start.py", "--set", "http.port=0", *options]
-            self.process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
+        (folder / "addon.log").unlink(missing_ok=True)
+        command = [sys.executable, FOLDER / "start.py", "--set", "http.port=0", *options]
+        super().__init__(command, folder / "addon.log", env=environment)
 
-    def log(self) -> str:
-        return self._log.read_text(encoding="utf-8")
-
-    def until(self, pattern: str) -> re.Match[str]:
-        deadline = time.monotonic() + PATIENCE
-        while not (found := re.search(pattern, self.log())):
-            assert self.process.poll() is None, self.log()
-            assert time.monotonic() < deadline, self.log()
-            time.sleep(0.05)
-        return found
-
-    def ended(self) -> tuple[int, str]:
-        return self.process.wait(PATIENCE), self.log()
-
-
-@contextmanager
-def addon(*arguments: Any) -> Iterator[Addon]:
-    running = Addon(*arguments)
-    try:
-        yield running
-    finally:
-        running.process.terminate()
-        running.process.wait(PATIENCE)
+    def __exit__(self, *_: object) -> None:
+        self.terminate()
 
 
 def kept(folder: Path, days: float) -> None:
@@ -266,9 +239,9 @@ def test_from_the_options_to_a_forecast_of_a_room_with_history(tmp_path: Path, h
     ahead, telemetry = "thermogate/home/living/ahead", "thermogate-telemetry/living"
     with (
         party(site, ahead, telemetry, "homeassistant/#") as listening,
-        addon(tmp_path, house, rooms, *quick) as running,
+        Addon(tmp_path, house, rooms, *quick) as running,
     ):
-        running.until("serving on")
+        running.says("serving on")
         said = running.log()
         assert "room attic: 'climate.attic' has no current_temperature; give a sensor of the temperature" in said
         assert "room bath: 'climate.bath' does not tell whether it heats; enter for `heating` a power sensor" in said
@@ -281,41 +254,36 @@ def test_from_the_options_to_a_forecast_of_a_room_with_history(tmp_path: Path, h
         told = json.loads(listening.newest()[telemetry])
         assert datetime.fromisoformat(told.pop("time")) - datetime.now(UTC) < timedelta(minutes=5)
         assert told == {"T_i": 68.0, "T_out": 41.0, "u_heat": 1.0, "setpoint": 70.0}
-        url = running.until(r"serving on (\S+)")[1]
+        url = running.says(r"serving on (\S+)")[1]
         # The first interval closes within a minute and its lateness.
-        wait_until(lambda: all(one["last_good"] for one in zone(url)["status"]["channels"]))
-        assert zone(url)["status"]["faults"] == {}
+        status = lambda: ask(f"{url}/zones/living")[1]["status"]  # noqa: E731
+        wait_until(lambda: all(one["last_good"] for one in status()["channels"]))
+        assert status()["faults"] == {}
         house.states["climate.living"] = ("unavailable", {})
-        running.until("entity 'climate.living' has no value; look at it in Home Assistant")
+        running.says("entity 'climate.living' has no value; look at it in Home Assistant")
         house.states["climate.living"] = ("heat", {"current_temperature": 69.0, "hvac_action": "idle"})
-        running.until("no longer: entity 'climate.living' has no value")
+        running.says("no longer: entity 'climate.living' has no value")
         wait_until(lambda: json.loads(listening.newest()[telemetry]).get("T_i") == 69.0)
     assert running.process.returncode == 0
     assert list((tmp_path / "data" / "state").rglob("*.npz"))
     # An entity or a database that is not there at the next start takes nothing away.
     del house.states["climate.living"]
     (tmp_path / "home-assistant_v2.db").unlink()
-    with addon(tmp_path, house, rooms[:1], *quick) as running:
-        running.until("room living: Home Assistant has no entity 'climate.living'.*; it stays as it was")
-        running.until("the recorder has no database home-assistant_v2.db")
-        running.until("serving on")
-        running.until("entity 'climate.living' has no value")
-
-
-def zone(url: str) -> dict[str, Any]:
-    with urllib.request.urlopen(f"{url}/zones/living", timeout=PATIENCE) as answer:
-        found: dict[str, Any] = json.load(answer)
-        return found
+    with Addon(tmp_path, house, rooms[:1], *quick) as running:
+        running.says("room living: Home Assistant has no entity 'climate.living'.*; it stays as it was")
+        running.says("the recorder has no database home-assistant_v2.db")
+        running.says("serving on")
+        running.says("entity 'climate.living' has no value")
 
 
 def test_what_is_missing_is_said_before_anything_is_changed(tmp_path: Path, house: House) -> None:
-    with addon(tmp_path, house, []) as running:
-        assert running.ended() == (1, running.log())
+    with Addon(tmp_path, house, []) as running:
+        assert running.process.wait(PATIENCE) == 1
         assert "the Supervisor knows no MQTT broker" in running.log()
     house.mqtt = {"host": "127.0.0.1", "port": 1, "ssl": False}
     for rooms, sentence in (([], "enter outdoor temperature and rooms"), ([ATTIC], "no room can be run")):
-        with addon(tmp_path, house, rooms) as running:
-            assert running.ended()[0] == 1
+        with Addon(tmp_path, house, rooms) as running:
+            assert running.process.wait(PATIENCE) == 1
             assert sentence in running.log()
             assert "Traceback" not in running.log()
     assert not (tmp_path / "data" / "thermogate.toml").exists()
@@ -324,7 +292,7 @@ def test_what_is_missing_is_said_before_anything_is_changed(tmp_path: Path, hous
 def test_a_wrong_password_is_said_and_ends_nothing(tmp_path: Path, house: House, site: Mosquitto) -> None:
     assert house.mqtt is not None
     house.mqtt["password"] = "wrong"
-    with addon(tmp_path, house, [{"name": "living", "thermostat": "climate.living"}]) as running:
-        running.until(r"sources\.home: .* refuses this client \(Not authorized\); check user and password")
-        running.until("serving on")
+    with Addon(tmp_path, house, [{"name": "living", "thermostat": "climate.living"}]) as running:
+        running.says(r"sources\.home: .* refuses this client \(Not authorized\); check user and password")
+        running.says("serving on")
     assert running.process.returncode == 0

@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
-from fastapi import FastAPI
-from support.harness import EXAMPLES
-from support.http_client import request
-from support.site_of_rooms import Room, site_of
-
-from service.records.outlook import Surroundings
 
 EMHASS = Path(os.environ.get("THERMOGATE_EMHASS", Path(sys.prefix) / "emhass" / "bin" / "python"))
 """The interpreter of an environment with the package `emhass`, which shares too little with ours to be in it."""
 
+EXAMPLE = "emhass"
 POWER, LOW, HIGH = 4000.0, 20.0, 23.0
 
 PLANNED = """
@@ -55,37 +48,6 @@ asyncio.run(main())
 """
 
 
-@pytest.fixture(scope="module")
-def example() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("emhass_example", EXAMPLES / "emhass.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FastAPI]:
-    """A room that has learned for more than a day."""
-    office = Room("ekf", "tite", 480, Surroundings({"u_heat": (0.0, POWER)}), 21.0, heated=True)
-    with site_of(tmp_path_factory.mktemp("site"), {"office": office}) as (made, _):
-        yield made
-
-
-def asking(app: FastAPI, trust: str = "trusted") -> Any:
-    """The example's `Ask` of `app`, with this trust a day ahead."""
-
-    def ask(method: str, path: str, body: Any = None) -> Any:
-        if path.endswith("/trust"):
-            return {"horizons": [{"lead_s": 86400, "planned": trust, "reason": "so"}]}
-        answer = request(app, method, path, **({} if body is None else {"json": body}))
-        assert answer.status_code == 200, answer.text
-        return answer.json()
-
-    return ask
-
-
 def stepped(told: dict[str, Any], power: Any) -> Any:
     """The temperatures that EMHASS's equation makes of `power` [W]."""
     (load,), hours = told["def_load_config"], told["optimization_time_step"] / 60.0
@@ -96,9 +58,9 @@ def stepped(told: dict[str, Any], power: Any) -> Any:
     return np.array(found)
 
 
-def means(app: FastAPI, power: Any) -> Any:
+def means(asking: Any, power: Any) -> Any:
     """Thermogate's forecast under `power` [W], as often."""
-    answer = asking(app)("POST", "/zones/office/forecast", {"horizon": "24h", "inputs": {"u_heat": power}})
+    answer = asking()("POST", "/zones/office/forecast", {"horizon": "24h", "inputs": {"u_heat": power}})
     return np.array([each["outputs"][0]["mean"] for each in answer["fan"]])[::6]
 
 
@@ -110,13 +72,13 @@ def test_one_mass_is_found_as_it_is(example: ModuleType, rate: float, cooling: f
     assert example.one_mass(np.array(rise), shares, 0.5) == pytest.approx((rate, cooling), rel=0.02)
 
 
-def test_without_heating_it_foresees_what_thermogate_does_and_with_it_nearly(example: ModuleType, app: FastAPI) -> None:
-    told = example.handed_on(asking(app), "office", "u_heat", POWER, LOW, HIGH)
+def test_without_heating_it_foresees_what_thermogate_does_and_with_it_nearly(example: ModuleType, asking: Any) -> None:
+    told = example.handed_on(asking({86400: "trusted"}), "office", "u_heat", POWER, LOW, HIGH)
     count = told["prediction_horizon"]
     assert (count, len(told["outdoor_temperature_forecast"])) == (48, 48)
-    assert stepped(told, np.zeros(count)) == pytest.approx(means(app, 0.0), abs=1e-9)
-    heated, itself = stepped(told, np.full(count, POWER)), means(app, POWER)
-    rise = itself[-1] - means(app, 0.0)[-1]
+    assert stepped(told, np.zeros(count)) == pytest.approx(means(asking, 0.0), abs=1e-9)
+    heated, itself = stepped(told, np.full(count, POWER)), means(asking, POWER)
+    rise = itself[-1] - means(asking, 0.0)[-1]
     assert rise > 10.0
     # A room and its walls are two masses: one mass warms a little too slowly at first.
     assert np.abs(heated - itself).max() < 0.15 * rise
@@ -127,15 +89,15 @@ def test_without_heating_it_foresees_what_thermogate_does_and_with_it_nearly(exa
     [("untrusted", 30, "a day ahead are untrusted: so"), ("trusted", 7, "no whole number of the zone's periods")],
 )
 def test_what_cannot_be_handed_on_is_one_sentence(
-    example: ModuleType, app: FastAPI, trust: str, step: int, sentence: str
+    example: ModuleType, asking: Any, trust: str, step: int, sentence: str
 ) -> None:
     with pytest.raises(ValueError, match=sentence):
-        example.handed_on(asking(app, trust), "office", "u_heat", POWER, LOW, HIGH, step)
+        example.handed_on(asking({86400: trust}), "office", "u_heat", POWER, LOW, HIGH, step)
 
 
 @pytest.mark.skipif(not EMHASS.exists(), reason="EMHASS is not installed; THERMOGATE_EMHASS names its interpreter")
-def test_emhass_plans_with_it(example: ModuleType, app: FastAPI, tmp_path: Path) -> None:
-    told = example.handed_on(asking(app), "office", "u_heat", POWER, LOW, HIGH)
+def test_emhass_plans_with_it(example: ModuleType, asking: Any, tmp_path: Path) -> None:
+    told = example.handed_on(asking({86400: "trusted"}), "office", "u_heat", POWER, LOW, HIGH)
     price = [0.3] * 12 + [0.1] * 12 + [0.3] * 24
     given = json.dumps(told | {"load_cost_forecast": price})
     done = subprocess.run(
@@ -153,4 +115,4 @@ def test_emhass_plans_with_it(example: ModuleType, app: FastAPI, tmp_path: Path)
     assert power[12:24].mean() > 1.3 * power[:12].mean()
     values = {"step": "30min", "values": power.clip(0.0, POWER).tolist()}
     # Here the one mass stands for two.
-    assert np.sqrt(np.mean((means(app, values)[:-1] - temperature) ** 2)) < 0.6
+    assert np.sqrt(np.mean((means(asking, values)[:-1] - temperature) ** 2)) < 0.6

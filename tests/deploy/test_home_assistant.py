@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import subprocess
 import time
 from pathlib import Path
 
 import pytest
 from support.harness import ROOT, THERMOGATE, Daemon
-from support.home_assistant import HOME
+from support.home_assistant import HOME, clean
 from support.thermostat_house import recorded
 
 from replay.recorded.learning import learn, survey
@@ -90,12 +89,10 @@ def test_the_integration_in_home_assistant(tmp_path: Path) -> None:
     component = ROOT / "deploy" / "home-assistant" / "custom_components" / "thermogate"
     with Daemon(plant, tmp_path / "log") as daemon:
         site = {"url": daemon.url(), "file": str(plant), "command": [str(THERMOGATE)], "component": str(component)}
-        # It is another application, with another interpreter's packages.
-        clean = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "COVERAGE"))}
-        clean |= {"THERMOGATE_SITE": json.dumps(site | keys), "PYTHONPATH": str(component.parents[1])}
+        given = clean() | {"THERMOGATE_SITE": json.dumps(site | keys), "PYTHONPATH": str(component.parents[1])}
         checks = ROOT / "tests" / "deploy" / "home_assistant"
         command = [HOME / "bin" / "python", "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", checks / "pytest.ini"]
-        ran = subprocess.run([*command, checks], capture_output=True, text=True, env=clean, timeout=300, check=False)
+        ran = subprocess.run([*command, checks], capture_output=True, text=True, env=given, timeout=300, check=False)
     assert ran.returncode == 0, f"{ran.stdout}\n{ran.stderr}\n{daemon.log()}"
     # What the flow shows is a whole configuration, and the history of its zone.
     assert load(tmp_path / "whole.toml").zones[0].id == "attic"

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
 import time
-import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from support.harness import EXAMPLES, free_port
+from support.harness import EXAMPLES, ask
+from support.processes import Program, free_port
 from support.waiting import PATIENCE
 
 IMAGE = "localhost/thermogate"
@@ -75,31 +74,21 @@ def test_the_daemon_starts_in_it_and_is_healthy(root: Path, definition: dict[str
     shutil.copy(EXAMPLES / "generic-csv.toml", tmp_path / "etc" / "thermogate.toml")
     settings = ["--set", f"http.port={port}", "--set", "zenoh.enabled=false"]
     command = started(root, definition, tmp_path, *definition["Entrypoint"], *definition["Cmd"], *settings)
-    begun = time.monotonic()
-    with (tmp_path / "log").open("w") as log, subprocess.Popen(command, stdout=log, stderr=log) as daemon:
-        try:
-            while "serving on" not in (said := (tmp_path / "log").read_text()):
-                assert daemon.poll() is None, said
-                assert time.monotonic() < begun + PATIENCE, said
-                time.sleep(0.1)
-            while True:
-                with urllib.request.urlopen(f"http://127.0.0.1:{port}/zones", timeout=PATIENCE) as answer:
-                    if json.load(answer)["zones"][0]["samples"]:
-                        break
-                assert time.monotonic() < begun + PATIENCE, (tmp_path / "log").read_text()
-                time.sleep(0.1)
-            print(f"first sample after {time.monotonic() - begun:.0f} s")
-            check = definition["Healthcheck"]["Test"]
-            assert check[0] == "CMD"
-            asked = started(root, definition, tmp_path, *check[1:], "--url", f"http://127.0.0.1:{port}")
-            assert subprocess.run(asked, capture_output=True, text=True, timeout=60, check=False).stdout[:2] == "OK"
-            written = started(root, definition, tmp_path, "touch", "/opt/thermogate/written")
-            refused = subprocess.run(written, capture_output=True, text=True, timeout=60, check=False)
-            assert "Read-only file system" in refused.stderr
-            assert re.search(r"journal", "".join(path.name for path in (tmp_path / "lib").rglob("*")))
-            # bubblewrap does not pass signals on, but ends as what it runs does.
-            (child,) = Path(f"/proc/{daemon.pid}/task/{daemon.pid}/children").read_text().split()
-            os.kill(int(child), signal.SIGTERM)
-            assert daemon.wait(PATIENCE) == 0
-        finally:
-            daemon.kill()
+    url, begun = f"http://127.0.0.1:{port}", time.monotonic()
+    with Program(command, tmp_path / "log") as daemon:
+        daemon.says("serving on")
+        daemon.wait_for(lambda: ask(f"{url}/zones")[1]["zones"][0]["samples"])
+        print(f"first sample after {time.monotonic() - begun:.0f} s")
+        check = definition["Healthcheck"]["Test"]
+        assert check[0] == "CMD"
+        asked = started(root, definition, tmp_path, *check[1:], "--url", url)
+        assert subprocess.run(asked, capture_output=True, text=True, timeout=60, check=False).stdout[:2] == "OK"
+        written = started(root, definition, tmp_path, "touch", "/opt/thermogate/written")
+        refused = subprocess.run(written, capture_output=True, text=True, timeout=60, check=False)
+        assert "Read-only file system" in refused.stderr
+        assert "journal" in "".join(path.name for path in (tmp_path / "lib").rglob("*"))
+        # bubblewrap does not pass signals on, but ends as what it runs does.
+        process = daemon.process
+        (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        os.kill(int(child), signal.SIGTERM)
+        assert process.wait(PATIENCE) == 0

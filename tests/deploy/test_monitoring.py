@@ -7,16 +7,17 @@ import subprocess
 import urllib.parse
 import urllib.request
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 from support.all_metrics import exposed
-from support.harness import EXAMPLES, Daemon, free_port
-from support.waiting import wait_until
+from support.harness import EXAMPLES, ROOT, Daemon
+from support.processes import Program, free_port
 
-DEPLOY = Path(__file__).parents[2] / "deploy"
+DEPLOY = ROOT / "deploy"
 PROMETHEUS = DEPLOY / "prometheus"
 RULES = yaml.safe_load((PROMETHEUS / "alerts.yml").read_text(encoding="utf-8"))["groups"]
 BOARD = json.loads((DEPLOY / "grafana" / "thermogate.json").read_text(encoding="utf-8"))
@@ -40,23 +41,14 @@ def known() -> set[str]:
     return found
 
 
-def rules() -> list[Any]:
-    return [pytest.param(rule, id=rule["alert"]) for group in RULES for rule in group["rules"]]
-
-
-@pytest.mark.parametrize("rule", rules())
-def test_an_alert_names_metrics_that_exist_and_is_documented(rule: dict[str, Any]) -> None:
-    named = metrics_in(rule["expr"])
-    assert named
-    assert named <= known()
-    assert rule["labels"]["severity"] in ("page", "ticket")
-    assert rule["annotations"]["summary"]
-    assert f"`{rule['alert']}`" in OPERATIONS, "what to do about it is not documented"
-
-
-def test_every_documented_alert_exists() -> None:
+def test_alerts_name_metrics_that_exist_and_are_documented() -> None:
+    rules, there = [rule for group in RULES for rule in group["rules"]], known()
+    for rule in rules:
+        assert set() < metrics_in(rule["expr"]) <= there, rule["alert"]
+        assert rule["labels"]["severity"] in ("page", "ticket")
+        assert rule["annotations"]["summary"]
     documented = set(re.findall(r"`(Thermogate[A-Z]\w+)`", OPERATIONS))
-    assert documented == {rule["alert"] for group in RULES for rule in group["rules"]}
+    assert documented == {rule["alert"] for rule in rules}, "what to do about it"
 
 
 def test_names_that_do_not_exist_would_be_found() -> None:
@@ -137,41 +129,29 @@ def test_prometheus_scrapes_a_daemon_without_keys_and_draws_the_dashboard(tmp_pa
     with Daemon(EXAMPLES / "generic-csv.toml", tmp_path / "daemon.log", settings) as daemon:
         daemon.wait_until_ended()
         shipped = (PROMETHEUS / "prometheus.yml").read_text(encoding="utf-8")
-        config = tmp_path / "prometheus.yml"
+        config, place = tmp_path / "prometheus.yml", f"127.0.0.1:{free_port()}"
         found = shipped.replace("127.0.0.1:8080", daemon.url().removeprefix("http://"))
         config.write_text(found.replace("scrape_interval: 30s", "scrape_interval: 1s"), encoding="utf-8")
-        address = f"127.0.0.1:{free_port()}"
-        command = [
-            "prometheus",
-            f"--config.file={config}",
-            f"--storage.tsdb.path={tmp_path / 'tsdb'}",
-            f"--web.listen-address={address}",
-        ]
-        with (tmp_path / "prometheus.log").open("w") as log:
-            prometheus = subprocess.Popen(command, stdout=log, stderr=log, cwd=tmp_path)
-        try:
-            url = f"http://{address}"
+        files = [f"--config.file={config}", f"--storage.tsdb.path={tmp_path / 'tsdb'}"]
+        command, url = ["prometheus", *files, f"--web.listen-address={place}"], f"http://{place}"
 
-            def scraped() -> bool:
-                assert prometheus.poll() is None, (tmp_path / "prometheus.log").read_text()
-                try:
-                    return [row["value"][1] for row in asked(url, "/api/v1/query", query="up")["result"]] == ["1"]
-                except OSError:
-                    return False
+        def scraped() -> bool:
+            with suppress(OSError):
+                return [row["value"][1] for row in asked(url, "/api/v1/query", query="up")["result"]] == ["1"]
+            return False
 
-            wait_until(scraped)
+        with Program(command, tmp_path / "prometheus.log", cwd=tmp_path) as prometheus:
+            prometheus.wait_for(scraped)
             (group,) = asked(url, "/api/v1/rules")["groups"]
             assert len(group["rules"]) == sum(len(each["rules"]) for each in RULES)
             panels = {panel["id"]: panel for panel in BOARD["panels"] if panel["type"] != "row"}
             # Temperatures without a set-point, which the recording has not; gain, heat loss, skill and trust.
             panels[29]["targets"].pop()
-            wait_until(lambda: all(all(shown_by(url, panels[number])) for number in range(29, 34)))
+            prometheus.wait_for(lambda: all(all(shown_by(url, panels[number])) for number in range(29, 34)))
             for panel in panels.values():
                 # Prometheus refuses a query that it does not understand.
                 shown_by(url, panel)
-        finally:
             prometheus.terminate()
-            prometheus.wait(timeout=60)
 
 
 def shown_by(url: str, panel: dict[str, Any]) -> list[int]:

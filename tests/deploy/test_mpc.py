@@ -2,61 +2,22 @@
 
 from __future__ import annotations
 
-import importlib.util
 import socket
-import sys
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
-from fastapi import FastAPI
 from support.harness import EXAMPLES, Daemon
-from support.http_client import request
-from support.site_of_rooms import Room, site_of
 
-from service.records.outlook import Surroundings
+EXAMPLE = "mpc"
 
 
-@pytest.fixture(scope="module")
-def mpc() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("mpc", EXAMPLES / "mpc.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["mpc"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FastAPI]:
-    """A room that has learned for more than a day, and one that has just begun."""
-    limits = Surroundings({"u_heat": (0.0, 4000.0)})
-    office = Room("ekf", "tite", 480, limits, 21.0, heated=True)
-    rooms = {"office": office, "new": Room("ekf", samples=3)}
-    with site_of(tmp_path_factory.mktemp("site"), rooms) as (made, _):
-        yield made
-
-
-def asking(app: FastAPI, trusts: dict[int, str] | None = None, disturbed: bool = False) -> Any:
-    """`mpc.Ask` of `app`; with `trusts` in place of the trust, by lead, of a zone that is `disturbed`."""
-
-    def ask(method: str, path: str, body: Any = None) -> Any:
-        if trusts is not None and path.endswith("/trust"):
-            horizons = [
-                {"lead_s": lead, "trust": "doubtful", "planned": word, "reason": "so"} for lead, word in trusts.items()
-            ]
-            return {"disturbed": disturbed, "horizons": horizons}
-        answer = request(app, method, path, **({} if body is None else {"json": body}))
-        if answer.status_code >= 400:
-            raise OSError(answer.json()["detail"])
-        return answer.json()
-
-    return ask
+@pytest.fixture
+def mpc(example: ModuleType) -> ModuleType:
+    return example
 
 
 ALL = dict.fromkeys((300, 3600, 21600, 86400), "trusted")
@@ -66,8 +27,8 @@ def settings(mpc: ModuleType, **changes: Any) -> Any:
     return mpc.Settings("office", power=4000.0, **({"low": 20.0, "high": 23.0} | changes))
 
 
-def test_the_plan_holds_the_band_and_costs_least_when_energy_is_cheap(mpc: ModuleType, app: FastAPI) -> None:
-    ask, told = asking(app, ALL), settings(mpc)
+def test_the_plan_holds_the_band_and_costs_least_when_energy_is_cheap(mpc: ModuleType, asking: Any) -> None:
+    ask, told = asking(ALL), settings(mpc)
 
     def prices(steps: int) -> list[float]:
         return [0.1 if k % 24 < 12 else 0.5 for k in range(steps)]
@@ -86,8 +47,8 @@ def test_the_plan_holds_the_band_and_costs_least_when_energy_is_cheap(mpc: Modul
     assert (np.array(prices(96)) @ flat.plan) >= (np.array(prices(96)) @ decision.plan) - 1e-6
 
 
-def test_what_it_foresees_is_what_thermogate_forecasts_under_its_plan(mpc: ModuleType, app: FastAPI) -> None:
-    ask, told = asking(app, ALL), settings(mpc)
+def test_what_it_foresees_is_what_thermogate_forecasts_under_its_plan(mpc: ModuleType, asking: Any) -> None:
+    ask, told = asking(ALL), settings(mpc)
     decision = mpc.decide(ask, told, 20.0, False)
     plan = {"office": {"u_heat": {"step": "15min", "values": np.clip(decision.plan, 0.0, 4000.0).tolist()}}}
     body = {"horizon": "24h", "zones": ["office"], "plans": [{"inputs": plan}]}
@@ -97,52 +58,52 @@ def test_what_it_foresees_is_what_thermogate_forecasts_under_its_plan(mpc: Modul
     assert (np.abs(decision.temperatures - mean) < sd).all()
 
 
-def test_it_plans_as_far_as_the_trust_reaches(mpc: ModuleType, app: FastAPI) -> None:
-    far = mpc.decide(asking(app, ALL | {86400: "learning"}), settings(mpc), 20.0, False)
+def test_it_plans_as_far_as_the_trust_reaches(mpc: ModuleType, asking: Any) -> None:
+    far = mpc.decide(asking(ALL | {86400: "learning"}), settings(mpc), 20.0, False)
     assert (far.by, len(far.plan)) == ("plan", 24)
     assert "learning: so" in far.reason
-    gap = mpc.decide(asking(app, ALL | {3600: "untrusted"}), settings(mpc), 19.0, False)
+    gap = mpc.decide(asking(ALL | {3600: "untrusted"}), settings(mpc), 19.0, False)
     assert (gap.by, gap.power) == ("thermostat", 4000.0)
     assert "not trusted for an hour (untrusted: so)" in gap.reason
 
 
-def test_doubt_of_the_next_hour_costs_a_margin(mpc: ModuleType, app: FastAPI) -> None:
+def test_doubt_of_the_next_hour_costs_a_margin(mpc: ModuleType, asking: Any) -> None:
     told = settings(mpc)
-    sure = mpc.decide(asking(app, ALL), told, 20.0, False)
-    doubting = mpc.decide(asking(app, ALL | {3600: "doubtful"}), told, 20.0, False)
+    sure = mpc.decide(asking(ALL), told, 20.0, False)
+    doubting = mpc.decide(asking(ALL | {3600: "doubtful"}), told, 20.0, False)
     assert doubting.by == "plan"
     assert "doubtful" in doubting.reason
     assert doubting.plan.sum() > sure.plan.sum()
     # What is doubtful hours ahead can still be corrected.
-    later = mpc.decide(asking(app, ALL | {21600: "doubtful"}), told, 20.0, False)
+    later = mpc.decide(asking(ALL | {21600: "doubtful"}), told, 20.0, False)
     assert np.allclose(later.plan, sure.plan)
     # What acts on the room makes the interval wide, and so the margin: it is not counted twice.
-    disturbed = mpc.decide(asking(app, ALL | {3600: "doubtful"}, disturbed=True), told, 20.0, False)
+    disturbed = mpc.decide(asking(ALL | {3600: "doubtful"}, disturbed=True), told, 20.0, False)
     assert np.allclose(disturbed.plan, sure.plan)
 
 
-def test_a_plan_stays_inside_the_band_by_what_is_uncertain(mpc: ModuleType, app: FastAPI) -> None:
-    plain, kept = (mpc.decide(asking(app, ALL), settings(mpc, sure=sure), 20.0, False) for sure in (0.0, 2.0))
-    (now,) = mpc.forecasts(asking(app, ALL), settings(mpc), [kept.plan])
+def test_a_plan_stays_inside_the_band_by_what_is_uncertain(mpc: ModuleType, asking: Any) -> None:
+    plain, kept = (mpc.decide(asking(ALL), settings(mpc, sure=sure), 20.0, False) for sure in (0.0, 2.0))
+    (now,) = mpc.forecasts(asking(ALL), settings(mpc), [kept.plan])
     assert plain.temperatures[8:].min() == pytest.approx(20.0, abs=1e-3)
     assert kept.low == pytest.approx(20.0 + 2.0 * now.sd[0])
     assert kept.temperatures[8:].min() == pytest.approx(kept.low, abs=1e-3)
 
 
-def test_what_is_stored_ahead_leaves_room_for_what_is_uncertain(mpc: ModuleType, app: FastAPI) -> None:
+def test_what_is_stored_ahead_leaves_room_for_what_is_uncertain(mpc: ModuleType, asking: Any) -> None:
     def prices(steps: int) -> list[float]:
         return [0.01] * 24 + [1.0] * (steps - 24)
 
-    bold, careful = (mpc.decide(asking(app, ALL), settings(mpc, sure=sure), 20.0, False, prices) for sure in (0.0, 2.0))
+    bold, careful = (mpc.decide(asking(ALL), settings(mpc, sure=sure), 20.0, False, prices) for sure in (0.0, 2.0))
     assert bold.temperatures.max() == pytest.approx(23.0, abs=1e-3)
-    (now,) = mpc.forecasts(asking(app, ALL), settings(mpc), [careful.plan])
+    (now,) = mpc.forecasts(asking(ALL), settings(mpc), [careful.plan])
     # What is uncertain later is left to later plans.
     assert careful.temperatures[4:].max() == pytest.approx(23.0 - 2.0 * now.sd[12], abs=2e-3)
 
 
-def test_between_two_plans_the_planned_temperature_is_held(mpc: ModuleType, app: FastAPI) -> None:
+def test_between_two_plans_the_planned_temperature_is_held(mpc: ModuleType, asking: Any) -> None:
     told = settings(mpc)
-    decision = mpc.decide(asking(app, ALL), told, 20.0, False)
+    decision = mpc.decide(asking(ALL), told, 20.0, False)
     assert len(decision.path) == 4, "at the beginning, and after each of three periods of five minutes"
     assert decision.path[-1] == pytest.approx(decision.temperatures[0], abs=1e-6)
     decision = decision._replace(power=2000.0, path=np.array([20.0, 20.3, 20.5, 20.6]), low=20.4, per_watt=1e-3)
@@ -158,13 +119,13 @@ def test_between_two_plans_the_planned_temperature_is_held(mpc: ModuleType, app:
     assert power(-300.0, 19.0) == 2000.0, "measured before the plan was made"
 
 
-def test_it_goes_on_from_its_last_plan(mpc: ModuleType, app: FastAPI) -> None:
-    first = mpc.decide(asking(app, ALL), settings(mpc), 20.0, False)
+def test_it_goes_on_from_its_last_plan(mpc: ModuleType, asking: Any) -> None:
+    first = mpc.decide(asking(ALL), settings(mpc), 20.0, False)
     asked: list[Any] = []
 
     def ask(method: str, path: str, body: Any = None) -> Any:
         asked.append(body)
-        return asking(app, ALL)(method, path, body)
+        return asking(ALL)(method, path, body)
 
     again = mpc.decide(ask, settings(mpc), 20.0, False, before=first.plan)
     # A model that is linear has the same best plan, whatever it is made around.
@@ -173,12 +134,12 @@ def test_it_goes_on_from_its_last_plan(mpc: ModuleType, app: FastAPI) -> None:
     assert body["plans"][0]["inputs"]["office"]["u_heat"]["values"] == pytest.approx(first.plan.tolist())
 
 
-def test_what_others_are_known_to_do_is_planned_with(mpc: ModuleType, app: FastAPI) -> None:
+def test_what_others_are_known_to_do_is_planned_with(mpc: ModuleType, asking: Any) -> None:
     def cold(steps: int) -> Any:
         return {"office": {"T_out": [-15.0] * steps}}
 
     mild, icy = (
-        mpc.decide(asking(app, ALL), settings(mpc), 20.0, False, known=known) for known in (mpc.nothing_known, cold)
+        mpc.decide(asking(ALL), settings(mpc), 20.0, False, known=known) for known in (mpc.nothing_known, cold)
     )
     assert icy.plan.sum() > mild.plan.sum()
 
@@ -227,17 +188,17 @@ def test_without_a_measurement_it_goes_on_as_before_the_measurement_was_lost(mpc
     assert memory.blind(2 * day + 5400.0)[:2] == (7.0, "day before")
 
 
-def test_a_zone_that_has_just_begun_is_left_to_the_thermostat(mpc: ModuleType, app: FastAPI) -> None:
-    decision = mpc.decide(asking(app), mpc.Settings("new"), 19.0, False)
+def test_a_zone_that_has_just_begun_is_left_to_the_thermostat(mpc: ModuleType, asking: Any) -> None:
+    decision = mpc.decide(asking(), mpc.Settings("new"), 19.0, False)
     assert decision.by == "thermostat"
     assert "learning" in decision.reason
 
 
-def test_a_power_beyond_what_is_installed_falls_back_with_the_sentence(mpc: ModuleType, app: FastAPI) -> None:
+def test_a_power_beyond_what_is_installed_falls_back_with_the_sentence(mpc: ModuleType, asking: Any) -> None:
     def ask(method: str, path: str, body: Any = None) -> Any:
         if body is not None:
             body["plans"][0]["inputs"]["office"]["u_heat"] = 9000.0
-        return asking(app, ALL)(method, path, body)
+        return asking(ALL)(method, path, body)
 
     decision = mpc.decide(ask, settings(mpc), 19.0, False)
     assert "plans 9000 W; 0 to 4000 W can be planned" in decision.reason

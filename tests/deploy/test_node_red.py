@@ -6,10 +6,7 @@ import asyncio
 import json
 import os
 import shutil
-import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -17,6 +14,7 @@ from prometheus_client import CollectorRegistry
 from support.broker import Party, broker
 from support.fake_zones import running
 from support.harness import EXAMPLES
+from support.processes import Program
 from support.served import config, serving
 from support.waiting import until
 
@@ -34,8 +32,7 @@ SETTINGS = """module.exports = {
 """
 
 
-@contextmanager
-def node_red(folder: Path, flow: str) -> Iterator[subprocess.Popen[bytes]]:
+def node_red(folder: Path, flow: str) -> Program:
     """Node-RED with a `flow`, and neither editor nor port."""
     program = NODE_RED / "node_modules" / "node-red" / "red.js"
     if shutil.which("node") is None or not program.exists():
@@ -43,13 +40,7 @@ def node_red(folder: Path, flow: str) -> Iterator[subprocess.Popen[bytes]]:
     (folder / "flows.json").write_text(flow, encoding="utf-8")
     (folder / "settings.js").write_text(SETTINGS, encoding="utf-8")
     command = ["node", program, "--userDir", folder, "--settings", folder / "settings.js"]
-    with (folder / "log").open("w") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log, cwd=folder)
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
+    return Program(command, folder / "log", cwd=folder)
 
 
 async def test_it_tells_the_house_when_to_heat_and_how_warm_it_will_be(tmp_path: Path) -> None:
@@ -70,10 +61,10 @@ async def test_it_tells_the_house_when_to_heat_and_how_warm_it_will_be(tmp_path:
             publisher = Publisher(MqttConfig(host="127.0.0.1", port=mosquitto.port, client_id="daemon"), "htwg").open()
             publisher.add("room1")
             publisher.publish(announcement)
-            with node_red(tmp_path, flow) as process:
+            with node_red(tmp_path, flow) as node:
 
                 def told() -> bool:
-                    assert process.poll() is None, (tmp_path / "log").read_text()
+                    assert node.process.poll() is None, node.log()
                     return house.newest().keys() >= {"house/room1/heating-start", "house/room1/in-6h"}
 
                 await until(told)

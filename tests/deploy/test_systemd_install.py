@@ -9,24 +9,9 @@ import sys
 import sysconfig
 from pathlib import Path
 
-import pytest
 from support.harness import EXAMPLES, ROOT
 
 SCRIPT = ROOT / "deploy" / "systemd" / "install"
-
-
-@pytest.fixture
-def wheel(tmp_path: Path) -> Path:
-    """The project as a wheel, built in a copy: a build leaves folders behind."""
-    folder = tmp_path / "sources"
-    for name in ("estimator", "adapters", "service", "replay", "thermogate"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, folder)
-    build = [sys.executable, "-c", "from setuptools import build_meta as b; b.build_wheel('..')"]
-    subprocess.run(build, cwd=folder, check=True, capture_output=True, timeout=300)
-    (built,) = tmp_path.glob("*.whl")
-    return built
 
 
 def install(root: Path, *options: str) -> subprocess.CompletedProcess[str]:
@@ -36,24 +21,14 @@ def install(root: Path, *options: str) -> subprocess.CompletedProcess[str]:
         f'#!/bin/sh\n[ "$1 $2" != "-m venv" ] || set -- -m venv --without-pip "$3"\nexec {sys.executable} "$@"'
     )
     python.chmod(0o755)
-    offline = {
-        "PIP_NO_INDEX": "1",
-        "PIP_NO_DEPS": "1",
-        "PIP_NO_COMPILE": "1",
-        "PYTHONPATH": sysconfig.get_path("purelib"),
-    }
-    return subprocess.run(
-        [SCRIPT, *options],
-        env=os.environ | offline | {"DESTDIR": str(root), "PYTHON": str(python)},
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
+    offline = {"PIP_NO_INDEX": "1", "PIP_NO_DEPS": "1", "PIP_NO_COMPILE": "1"}
+    offline |= {"PYTHONPATH": sysconfig.get_path("purelib"), "DESTDIR": str(root), "PYTHON": str(python)}
+    command = [SCRIPT, *options]
+    return subprocess.run(command, env=os.environ | offline, capture_output=True, text=True, timeout=600, check=False)
 
 
-def test_an_installation_is_upgraded_taken_back_and_removed(wheel: Path, tmp_path: Path) -> None:
-    root = tmp_path / "root"
+def test_an_installation_is_upgraded_taken_back_and_removed(built: tuple[Path, Path], tmp_path: Path) -> None:
+    root, wheel = tmp_path / "root", built[1]
     programs, state = root / "opt", root / "var/lib/thermogate/journal.sqlite3"
     configuration, unit = root / "etc/thermogate/thermogate.toml", root / "etc/systemd/system/thermogate.service"
     done = install(root, "--wheel", str(wheel))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
@@ -10,59 +9,20 @@ import subprocess
 import sys
 import sysconfig
 import tarfile
-import time
 import tomllib
-import urllib.error
 import urllib.request
-from collections.abc import Callable
 from configparser import ConfigParser
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
 
 import pytest
-from packaging.requirements import Requirement
+from support.harness import PACKAGES, ROOT, ask
+from support.processes import Program
 from support.waiting import PATIENCE
 
-ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-PACKAGES = ("estimator", "adapters", "service", "replay", "thermogate")
 LEFT_OUT = "replay/lab/"
-
-
-def builder() -> str | None:
-    """Why no wheel can be built here; None if one can."""
-    for requirement in map(Requirement, PROJECT["build-system"]["requires"]):
-        try:
-            found = version(requirement.name)
-        except PackageNotFoundError:
-            return f"{requirement} is not installed"
-        if not requirement.specifier.contains(found):
-            return f"{requirement} is needed, and {found} is installed"
-    return None
-
-
-@pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """The source archive, and the wheel made from it, built offline with the setuptools of this environment."""
-    if why := builder():
-        pytest.skip(f"no wheel can be built: {why}")
-    folder = tmp_path_factory.mktemp("wheel")
-    # A build in the checkout would leave folders there, and take over stale files from them.
-    sources, out = folder / "sources", folder / "out"
-    for name in PACKAGES:
-        shutil.copytree(ROOT / name, sources / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "constraints.txt"):
-        shutil.copy(ROOT / name, sources)
-    shutil.copytree(ROOT / "tests", sources / "tests", ignore=lambda at, names: {n for n in names if n[-3:] != ".py"})
-    archive = [sys.executable, "-c", f"from setuptools import build_meta as b; b.build_sdist({str(out)!r})"]
-    run(archive, cwd=sources)
-    (source,) = out.iterdir()
-    command = [sys.executable, "-m", "pip", "wheel", "--disable-pip-version-check", "--no-index", "--no-deps"]
-    run([*command, "--no-build-isolation", "--wheel-dir", str(out), str(source)])
-    (wheel,) = out.glob("*.whl")
-    return source, wheel
 
 
 def run(command: list[str], **options: object) -> str:
@@ -96,28 +56,19 @@ def metadata(wheel: ZipFile, file: str) -> str:
     return wheel.read(name).decode()
 
 
-def test_it_carries_every_module_but_the_laboratory(wheel: ZipFile) -> None:
+def test_it_carries_every_module_but_the_laboratory_and_the_pages(wheel: ZipFile) -> None:
     modules = {path.relative_to(ROOT).as_posix() for name in PACKAGES for path in (ROOT / name).rglob("*.py")}
     assert any(name.startswith(LEFT_OUT) for name in modules)
     carried = {name for name in wheel.namelist() if ".dist-info/" not in name}
-    assert {name for name in carried if name.endswith(".py")} == {
-        name for name in modules if not name.startswith(LEFT_OUT)
-    }
+    python = {name for name in carried if name.endswith(".py")}
+    assert python == {name for name in modules if not name.startswith(LEFT_OUT)}
     assert {name.split("/")[0] for name in carried} == set(PACKAGES)
-
-
-def test_nothing_in_it_imports_what_it_leaves_out(wheel: ZipFile) -> None:
-    for name in wheel.namelist():
-        if name.endswith(".py"):
-            assert not re.search(r"^\s*(from|import) replay\.lab", wheel.read(name).decode(), re.MULTILINE), name
-
-
-def test_it_carries_the_pages(wheel: ZipFile) -> None:
-    static = ROOT / "service" / "web" / "static"
-    pages = {path.relative_to(ROOT).as_posix(): path for path in static.iterdir()}
+    for name in python:
+        assert not re.search(r"^\s*(from|import) replay\.lab", wheel.read(name).decode(), re.MULTILINE), name
+    pages = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "service" / "web" / "static").iterdir()}
     assert "service/web/static/index.html" in pages
-    for name, path in pages.items():
-        assert wheel.read(name) == path.read_bytes()
+    assert {name: wheel.read(name) for name in pages} == {name: path.read_bytes() for name, path in pages.items()}
+    assert {f"{name}/py.typed" for name in PACKAGES} <= carried, "type checkers read the types of every package"
 
 
 def test_it_offers_the_commands(wheel: ZipFile) -> None:
@@ -137,10 +88,6 @@ def test_it_names_the_version_and_the_licence(wheel: ZipFile) -> None:
     assert f"\nVersion: {PROJECT['project']['version']}\n" in text
     assert "\nLicense-Expression: Apache-2.0\n" in text
     assert metadata(wheel, "licenses/LICENSE") == (ROOT / "LICENSE").read_text(encoding="utf-8")
-
-
-def test_type_checkers_read_the_types_of_every_package(wheel: ZipFile) -> None:
-    assert {f"{name}/py.typed" for name in PACKAGES} <= set(wheel.namelist())
 
 
 @pytest.fixture(scope="module")
@@ -201,43 +148,22 @@ def test_the_demo_serves_its_page_and_forecasts_and_stops(installed: Path, tmp_p
     if "NUMBA_DISABLE_JIT" in where:
         for room in range(4):
             command += ["--set", f'zones.{room}.estimator="ekf"']
-    log = tmp_path / "log"
-    with log.open("w") as stream:
-        daemon = subprocess.Popen(command, env=where, cwd=tmp_path, stdout=stream, stderr=stream)
-    try:
-        url = until(daemon, log, lambda: re.search(r"serving on (http://\S+)", log.read_text()))[1]
+    with Program(command, tmp_path / "log", env=where, cwd=tmp_path) as daemon:
+        # Compiling every kernel first takes minutes on a busy machine.
+        url = daemon.says(r"serving on (http://\S+)", 5 * PATIENCE)[1]
         with urllib.request.urlopen(url, timeout=PATIENCE) as page:
             assert "<title>Thermogate" in page.read().decode()
-        forecast = until(daemon, log, lambda: asked(f"{url}/zones/room1/forecast"))
-        assert forecast["intervals"][0]["lower"] < forecast["mean"] < forecast["intervals"][0]["upper"]
+
+        def forecast() -> Any:
+            status, body = ask(f"{url}/zones/room1/forecast")
+            return body if status == 200 else None
+
+        first = daemon.wait_for(forecast, 5 * PATIENCE)
+        assert first["intervals"][0]["lower"] < first["mean"] < first["intervals"][0]["upper"]
         # It lives in its own time, years ago, and nothing is late in it.
-        status = asked(f"{url}/zones/room1")["status"]
+        status = ask(f"{url}/zones/room1")[1]["status"]
         assert (status["state"], status["last_sample_time"][:7]) == ("running", "2025-01")
         assert 0 <= status["age_s"] < 86_400
-        daemon.terminate()
-        assert daemon.wait(PATIENCE) == 0
-        assert "SYNTHETIC" in log.read_text()
-    finally:
-        daemon.kill()
-        daemon.wait()
+        assert daemon.terminate() == 0
+        assert "SYNTHETIC" in daemon.log()
     assert run(["thermogate", "check", "demo.toml"], env=where, cwd=tmp_path)
-
-
-def until(process: subprocess.Popen, log: Path, what: Callable[[], Any]) -> Any:
-    """What `what` gives as soon as it gives something; compiling every kernel first takes minutes on a busy machine."""
-    deadline = time.monotonic() + 5 * PATIENCE
-    while not (found := what()):
-        assert process.poll() is None, log.read_text()
-        assert time.monotonic() < deadline, log.read_text()
-        time.sleep(0.1)
-    return found
-
-
-def asked(url: str) -> Any:
-    """The JSON at `url`; None where there is an error instead, such as before the first sample."""
-    try:
-        with urllib.request.urlopen(url, timeout=PATIENCE) as answer:
-            return json.load(answer)
-    except urllib.error.HTTPError as error:
-        error.close()
-        return None

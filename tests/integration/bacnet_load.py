@@ -18,7 +18,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from integration import load
-from integration.load import Polled, beside, command, received
+from integration.command import command
+from integration.load import Polled, beside, received
 from support.bacnet_plant import Peer, free_udp_port
 from support.sources import bound, source_table
 

@@ -5,44 +5,41 @@
 The rooms of a campus read one recording on several machines of a Ray cluster, which are process trees on this machine,
 over a PostgreSQL server. Clients post to one more room. A machine other than the head is killed at a random moment, or
 its shards are, or it is frozen and woken up later; a new machine takes its place. A ledger in a process of its own asks
-whatever gateway answers for the newest rows, and syncs each number that it is told to disk. At the end the history must
-hold each of them with the same bits; the whole history, the forecasts and the parameters must be those of a daemon on
-one machine that was never disturbed; and every reading whose post was answered must be known.
+whatever gateway answers for the newest rows, and syncs each number that it is told to disk (`witness.py`). At the end
+the history must hold each of them with the same bits; the whole history, the forecasts and the parameters must be those
+of a daemon on one machine that was never disturbed; and every reading whose post was answered must be known.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
-import multiprocessing
 import os
 import random
 import signal
 import sys
 import tempfile
-import threading
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
-from multiprocessing.synchronize import Event
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from support.campus import PERIOD, POSTED, rooms, write_recording, write_site
+from integration.command import command
+from integration.witness import Ledger, Report, Row, differing, held
+from support.campus import PERIOD, POSTED, rooms, write_site
 from support.fleet import Cluster, Fleet, get, post_lines, until
 from support.harness import Daemon
 from support.postgres import server
+from support.waiting import repeated
 
 from service.web.keys import create_key
 
 SITE = f"killed-fleet-{os.getpid()}"
 MACHINES = 3
-NEWEST = 12
 LOOKED_AT = 40
 """Rooms that the ledger and the loop ask for: enough to be on every shard."""
 ASKED_AT_ONCE = 8
@@ -51,110 +48,32 @@ PATIENCE = 200.0
 """s after which something that should come about is given up. With 2,000 rooms on two cores the longest took 71 s,
 nearly all of it processor time: the less of that the fleet gets beside other work, the more patience it wants."""
 LEARNED = ("forecast?horizon=3h", "parameters")
-
-Row = dict[str, Any]
-
-
-class Report(NamedTuple):
-    """What came of it."""
-
-    kills: dict[str, int]
-    """By what was done."""
-    zones: int
-    acknowledged: int
-    """Rows that a gateway told."""
-    lost: int
-    differing: int
-    posts: int
-    """Readings whose post was answered."""
-    posts_lost: int
-    history_rows: int
-    history_differing: int
-    forecasts_equal: bool
-    answered_seconds: list[float]
-    """From each kill until every room that was asked forecasts again."""
-    recovery_seconds: list[float]
-    """From each kill until every room has two newer samples: the wait for the recording's next rows is in it."""
-    seconds: float
-
-    @property
-    def good(self) -> bool:
-        """Whether nothing was lost and nothing differs."""
-        return not (self.lost or self.differing or self.posts_lost or self.history_differing) and self.forecasts_equal
-
-    def line(self) -> str:
-        """For a person."""
-        answered, times = (sorted(one) or [0.0] for one in (self.answered_seconds, self.recovery_seconds))
-        return (
-            f"{sum(self.kills.values())} disturbances {self.kills} of {self.zones} rooms in {self.seconds:.0f} s; "
-            f"{self.acknowledged} rows told: {self.lost} lost, {self.differing} differing; {self.posts} readings "
-            f"posted: {self.posts_lost} lost; final history of {self.history_rows} rows: {self.history_differing} "
-            f"differing; final forecasts {'equal' if self.forecasts_equal else 'DIFFER'}; every room forecasts again "
-            f"after {answered[len(answered) // 2]:.1f} s (median), {answered[-1]:.1f} s (longest), and goes on with "
-            f"newer samples after {times[len(times) // 2]:.1f} s (median), {times[-1]:.1f} s (longest)"
-        )
-
-
-def keep_ledger(urls: Path, key: str, zones: list[str], out: Path, stopping: Event) -> None:
-    """Ask the gateways in `urls` for the newest rows, over and over, and write what is new to `out`."""
-    told: set[str] = set()
-    with out.open("a", encoding="utf-8") as file:
-        while not stopping.wait(0.05):
-            for zone in zones:
-                for url in urls.read_text(encoding="utf-8").split():
-                    status, body = get(f"{url}/zones/{zone}/history?limit={NEWEST}", key, timeout=5)
-                    if status == 200:
-                        lines = {json.dumps({"zone": zone, "row": row}, sort_keys=True) for row in body["rows"]} - told
-                        told |= lines
-                        file.write("".join(f"{line}\n" for line in lines))
-                        break
-            file.flush()
-            os.fsync(file.fileno())
+FORECASTS, GOES_ON = "every room that was asked forecasts again", "every room has two newer samples"
 
 
 class Loop:
     """One run in `folder`."""
 
-    def __init__(
-        self,
-        folder: Path,
-        kills: int,
-        zones: int,
-        shards: int,
-        seed: int,
-        pace: float,
-        seconds: float,
-        patience: float = PATIENCE,
-    ) -> None:
-        """`seconds` after which nothing more is killed; `patience`: s that the fleet has for each step."""
-        self._patience = patience
-        self._folder, self._kills, self._random, self._seconds = folder, kills, random.Random(seed), seconds
-        self._rooms, self._shards, self._pace = rooms(zones), shards, pace
+    def __init__(self, folder: Path, kills: int, zones: int, seed: int, patience: float = PATIENCE) -> None:
+        """`patience`: s that the fleet has for each step."""
+        self._folder, self._kills, self._patience, self._random = folder, kills, patience, random.Random(seed)
+        self._rooms = rooms(zones)
         self._looked_at = self._rooms[:: max(1, zones // LOOKED_AT)]
         self._done: Counter[str] = Counter()
-        self._answered: list[float] = []
-        self._recovery: list[float] = []
+        self._times: dict[str, list[float]] = {FORECASTS: [], GOES_ON: []}
         self._posted: list[str] = []
-        self._stopping = threading.Event()
         self._urls = folder / "urls"
 
-    def run(self) -> Report:
-        """Kill, and look what is left."""
-        began = time.monotonic()
+    def run(self, shards: int, pace: float, seconds: float) -> Report:
+        """Kill, but nothing after so many `seconds`, and look what is left."""
+        self._shards, self._pace = shards, pace
         # Long enough for every disturbance; the rest is read in a hurry.
-        rows = round(self._pace / PERIOD * 60 * (min(self._kills, self._seconds / 60) + 4))
-        write_recording(self._folder / "recording.csv", len(self._rooms), rows)
+        rows = round(pace / PERIOD * 60 * (min(self._kills, seconds / 60) + 4))
         with server() as database:
             address = f"postgresql://postgres@/postgres?host={database.folder}"
+            count = len(self._rooms)
             self._config = write_site(
-                self._folder,
-                address,
-                site=SITE,
-                count=len(self._rooms),
-                shards=self._shards,
-                pace=self._pace,
-                lease=3.0,
-                cpus=1.0,
+                self._folder, address, site=SITE, count=count, shards=shards, pace=pace, lease=3.0, rows=rows
             )
             self._key = create_key(self._folder / "state" / "keys.json", "loop", "admin")
             with Cluster() as cluster:
@@ -162,38 +81,33 @@ class Loop:
                     cluster.add()
                 with Fleet(self._config, cluster.address, self._folder / "fleet.log") as fleet:
                     try:
-                        return self._disturb(cluster, fleet, began)
+                        return self._disturb(cluster, fleet, seconds)
                     except AssertionError:
-                        self._explain(cluster, fleet)
+                        # What is left when a wait was in vain is gone with the cluster.
+                        print(f"after {dict(self._done)}, load {os.getloadavg()}: {json.dumps(fleet.status())}")
+                        print(f"{fleet.log()[-3000:]}\n{cluster.log()}", flush=True)
                         raise
 
-    def _disturb(self, cluster: Cluster, fleet: Fleet, began: float) -> Report:
+    def _disturb(self, cluster: Cluster, fleet: Fleet, seconds: float) -> Report:
+        began = time.monotonic()
         until(lambda: self._look(fleet) and self._is_whole(fleet), "the fleet", self._patience)
         first = self._patience + 5 * PERIOD / self._pace
         until(lambda: min(self._samples().values(), default=0) > 3, "samples of every room", first)
-        stopping, out = multiprocessing.Event(), self._folder / "ledger.jsonl"
-        arguments = (self._urls, self._key, self._looked_at, out, stopping)
-        ledger = multiprocessing.Process(target=keep_ledger, args=arguments, daemon=True)
-        ledger.start()
-        posting = threading.Thread(target=self._post)
-        posting.start()
-        try:
-            for number in range(self._kills):
-                what = self._strike(cluster, fleet)
-                took = f"{self._answered[-1]:.1f} s, {self._recovery[-1]:.1f} s"
-                print(f"{number + 1}: {what}, {took}, {time.monotonic() - began:.0f} s", flush=True)
-                if time.monotonic() - began > self._seconds:
-                    break
-        finally:
-            self._stopping.set()
-            posting.join()
-        text = self._config.read_text(encoding="utf-8")
-        self._config.write_text(text.replace(f"pace = {self._pace}", 'pace = "max"'), encoding="utf-8")
-        fleet.process.send_signal(signal.SIGHUP)
-        until(lambda: self._look(fleet) and self._has_ended(), "the end of the recording", 6 * self._patience)
-        stopping.set()
-        ledger.join()
-        return self._compared(out, began)
+        with Ledger(self._folder / "ledger.jsonl", self._urls, self._looked_at, self._key) as ledger:
+            with repeated(self._post, POST_SECONDS):
+                for number in range(self._kills):
+                    what = self._strike(cluster, fleet)
+                    took = ", ".join(f"{times[-1]:.1f} s" for times in self._times.values())
+                    print(f"{number + 1}: {what}, {took}, {time.monotonic() - began:.0f} s", flush=True)
+                    if time.monotonic() - began > seconds:
+                        break
+            acknowledged = sum(ledger.read().values())
+            text = self._config.read_text(encoding="utf-8")
+            self._config.write_text(text.replace(f"pace = {self._pace}", 'pace = "max"'), encoding="utf-8")
+            fleet.process.send_signal(signal.SIGHUP)
+            until(lambda: self._look(fleet) and self._has_ended(), "the end of the recording", 6 * self._patience)
+            ledger.close()
+            return self._compared(ledger, acknowledged, began)
 
     def _strike(self, cluster: Cluster, fleet: Fleet) -> str:
         """Disturb the fleet, and wait until every room has come further than it had; what was done."""
@@ -207,20 +121,17 @@ class Loop:
         elif what == "machine frozen":
             machine.freeze()
         else:
-            shards = fleet.members("shard-")
-            os.kill(choose.choice(shards)["pid"], signal.SIGKILL)
+            os.kill(choose.choice(fleet.members("shard-"))["pid"], signal.SIGKILL)
         self._done[what] += 1
+        silent = set(self._looked_at)
 
         def goes_on() -> bool:
-            self._look(fleet)
             now = self._samples()
             return bool(now) and all(now.get(room, 0) > before.get(room, 0) + 1 for room in self._rooms)
 
-        silent = set(self._looked_at)
-        until(lambda: self._look(fleet) and self._all_forecast(silent), "every room to forecast", self._patience)
-        self._answered.append(time.monotonic() - at)
-        until(goes_on, "every room to go on", self._patience)
-        self._recovery.append(time.monotonic() - at)
+        for what_is, found in ((FORECASTS, lambda: self._all_forecast(silent)), (GOES_ON, goes_on)):
+            until(lambda found=found: self._look(fleet) and found(), what_is, self._patience)
+            self._times[what_is].append(round(time.monotonic() - at, 2))
         if what == "machine frozen":
             machine.thaw()
             # It finds out that it was given up, and ends.
@@ -230,11 +141,6 @@ class Loop:
             cluster.add()
         until(lambda: self._look(fleet) and self._is_whole(fleet), "the fleet to be whole", self._patience)
         return what
-
-    def _explain(self, cluster: Cluster, fleet: Fleet) -> None:
-        """Show what is left when a wait was in vain: it is gone with the cluster."""
-        print(f"after {dict(self._done)}, load {os.getloadavg()}: {json.dumps(fleet.status())}")
-        print(f"{fleet.log()[-3000:]}\n{cluster.log()}", flush=True)
 
     def _look(self, fleet: Fleet) -> bool:
         """Write down where the gateways are; whether there are any."""
@@ -255,9 +161,17 @@ class Loop:
                 return body
         return None
 
-    def _samples(self) -> dict[str, int]:
+    def _told(self) -> list[Row]:
+        """What a gateway lists of the rooms."""
         body = self._asked("/zones", timeout=5)
-        return {} if body is None else {z["id"]: z["samples"] for z in body["zones"] if z["id"] != POSTED}
+        return [] if body is None else [zone for zone in body["zones"] if zone["id"] != POSTED]
+
+    def _samples(self) -> dict[str, int]:
+        return {zone["id"]: zone["samples"] for zone in self._told()}
+
+    def _has_ended(self) -> bool:
+        told = self._told()
+        return bool(told) and all("come to an end" in zone["reason"] for zone in told)
 
     def _all_forecast(self, silent: set[str]) -> bool:
         """Ask the rooms that are still `silent` for a forecast from their state, and keep those that do not answer."""
@@ -270,103 +184,53 @@ class Loop:
             silent -= {room for room, answered in zip(asked, pool.map(answers, asked), strict=True) if answered}
         return not silent
 
-    def _has_ended(self) -> bool:
-        body = self._asked("/zones")
-        return body is not None and all(
-            "come to an end" in zone["reason"] for zone in body["zones"] if zone["id"] != POSTED
-        )
-
     def _post(self) -> None:
-        """Post readings to whatever gateway answers, each until its post is answered."""
-        while not self._stopping.wait(POST_SECONDS):
-            line = f"{POSTED} T_i=21.5,T_out=4.25,u_heat=900 {time.time_ns()}\n"
-            while not self._stopping.is_set():
-                urls = self._urls.read_text(encoding="utf-8").split()
-                if any(post_lines(f"{url}/readings", line, self._key, timeout=10)[0] == 200 for url in urls):
-                    self._posted.append(line)
-                    break
-                time.sleep(0.2)
+        """Post readings to whatever gateway answers; what is not answered is not counted."""
+        line = f"{POSTED} T_i=21.5,T_out=4.25,u_heat=900 {time.time_ns()}\n"
+        urls = self._urls.read_text(encoding="utf-8").split()
+        if any(post_lines(f"{url}/readings", line, self._key, timeout=10)[0] == 200 for url in urls):
+            self._posted.append(line)
 
-    def _compared(self, ledger: Path, began: float) -> Report:
+    def _compared(self, ledger: Ledger, acknowledged: int, began: float) -> Report:
+        # Its checkpoints are of no use, and 2,000 rooms would write them for an hour.
+        alone = {"site.state_dir": str(self._folder / "alone"), "site.checkpoint_every": 3600}
+        rows: dict[str, list[Row]] = {}
         wrong: Counter[str] = Counter()
-        with Daemon(
-            self._config,
-            self._folder / "daemon.log",
-            # Its checkpoints are of no use, and 2,000 rooms would write them for an hour.
-            {"site.state_dir": str(self._folder / "alone"), "site.checkpoint_every": 3600, "sources.log.pace": "max"},
-        ) as daemon:
-            rest = {POSTED}
-            daemon.wait(
-                lambda zones: all("come to an end" in zones[name]["reason"] for name in zones.keys() - rest), 3600
-            )
-            rows: dict[str, list[Row]] = {}
+        with Daemon(self._config, self._folder / "daemon.log", alone) as daemon:
+            daemon.wait(lambda zones: all("come to an end" in zones[room]["reason"] for room in self._rooms), 3600)
             for room in self._rooms:
                 rows[room] = self._asked(f"/zones/{room}/history?limit=20000", 60)["rows"]
-                alone = daemon.history(room)
-                wrong["history"] += sum(one != other for one, other in zip(rows[room], alone, strict=False))
-                wrong["history"] += abs(len(rows[room]) - len(alone))
+                wrong["history"] += differing(rows[room], daemon.history(room))
                 for path in LEARNED:
-                    if self._asked(f"/zones/{room}/{path}", 60) != daemon.get(f"/zones/{room}/{path}")[1]:
-                        wrong["learned"] += 1
-        told = [json.loads(line) for line in ledger.read_text(encoding="utf-8").splitlines()]
-        for entry in told:
-            by_time = {row["time"]: row for row in rows[entry["zone"]]} if entry["zone"] in rows else {}
-            found = by_time.get(entry["row"]["time"])
-            wrong["lost"] += found is None
-            wrong["differing"] += found is not None and found != entry["row"]
+                    wrong["learned"] += (
+                        self._asked(f"/zones/{room}/{path}", 60) != daemon.get(f"/zones/{room}/{path}")[1]
+                    )
+        wrong += held(ledger.entries, rows)
+        url = self._urls.read_text(encoding="utf-8").split()[0]
         for line in self._posted:
-            with suppress(TypeError):
-                url = self._urls.read_text(encoding="utf-8").split()[0]
-                status, taken = post_lines(f"{url}/readings", line, self._key)
-                wrong["posts"] += status != 200 or taken["repeated"] != 3
+            status, taken = post_lines(f"{url}/readings", line, self._key)
+            wrong["posts"] += status != 200 or taken["repeated"] != 3
         return Report(
             kills=dict(self._done),
-            zones=len(self._rooms),
-            acknowledged=len(told),
+            acknowledged=acknowledged,
             lost=wrong["lost"],
             differing=wrong["differing"],
-            posts=3 * len(self._posted),
-            posts_lost=3 * wrong["posts"],
             history_rows=sum(map(len, rows.values())),
             history_differing=wrong["history"],
             forecasts_equal=not wrong["learned"],
-            answered_seconds=[round(seconds, 2) for seconds in self._answered],
-            recovery_seconds=[round(seconds, 2) for seconds in self._recovery],
             seconds=time.monotonic() - began,
+            posts=3 * len(self._posted),
+            posts_lost=3 * wrong["posts"],
+            times=self._times,
         )
 
 
-def main() -> int:
-    """Run the loop as the arguments say; 1 if anything was lost or differs."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--kills", type=int, default=50)
-    parser.add_argument("--zones", type=int, default=2000)
-    parser.add_argument("--shards", type=int, default=4)
-    parser.add_argument("--pace", type=float, default=600.0, help="multiple of real time")
-    parser.add_argument("--minutes", type=float, default=math.inf, help="after which nothing more is killed")
-    parser.add_argument(
-        "--patience", type=float, default=PATIENCE, help="s that the fleet has for each step; more on a busy machine"
-    )
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--out", type=Path, help="write the report here as JSON")
-    arguments = parser.parse_args()
+def run(kills: int, zones: int, shards: int, pace: float, minutes: float, patience: float, seed: int) -> Report:
     with tempfile.TemporaryDirectory(prefix="thermogate-fleet-kills-") as folder:
-        report = Loop(
-            Path(folder),
-            arguments.kills,
-            arguments.zones,
-            arguments.shards,
-            arguments.seed,
-            arguments.pace,
-            60 * arguments.minutes,
-            arguments.patience,
-        ).run()
-    if arguments.out is not None:
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        arguments.out.write_text(json.dumps(report._asdict(), indent=2) + "\n", encoding="utf-8")
-    print(report.line())
-    return 0 if report.good else 1
+        return Loop(Path(folder), kills, zones, seed, patience).run(shards, pace, 60 * minutes)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    about = "kill machines of a fleet: --minutes after which nothing more is killed, --patience s for each step"
+    settings = {"kills": 50, "zones": 2000, "shards": 4, "pace": 600.0, "minutes": math.inf, "patience": PATIENCE}
+    sys.exit(command(about, run, **settings, seed=1))

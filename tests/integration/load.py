@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import multiprocessing
 import resource
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import pairwise
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 SETTLING = 3.0
 """Seconds before the measurement begins, in which every connection is made and every buffer filled once."""
@@ -22,7 +22,8 @@ MOST_GROWTH = 5.0
 """MB that memory may grow by; the arrival times that are kept for the report are part of it."""
 
 
-class Cost(NamedTuple):
+@dataclass(frozen=True)
+class Cost:
     """What reading cost its process."""
 
     seconds: float
@@ -45,19 +46,8 @@ class Cost(NamedTuple):
         ]
 
 
-class Load(Protocol):
-    """What was measured."""
-
-    @property
-    def cost(self) -> Cost: ...
-
-    @property
-    def lost(self) -> bool: ...
-
-    def lines(self) -> list[str]: ...
-
-
-class Polled(NamedTuple):
+@dataclass(frozen=True)
+class Polled:
     """What was measured of devices that are polled."""
 
     devices: int
@@ -71,9 +61,9 @@ class Polled(NamedTuple):
     cost: Cost
 
     @property
-    def lost(self) -> bool:
-        """Whether a poll was missed, or has not brought every reading."""
-        return bool(self.missed) or self.readings != self.polls * self.channels
+    def good(self) -> bool:
+        """Whether no poll was missed, each has brought every reading, and memory has not grown."""
+        return not self.missed and self.readings == self.polls * self.channels and not self.cost.grew
 
     def lines(self) -> list[str]:
         """For a person."""
@@ -124,19 +114,6 @@ async def polled(sources: Sequence[Any], devices: int, channels: int, seconds: f
         worst_gap=max(gaps, default=0.0) / poll,
         cost=cost,
     )
-
-
-def command(about: str, measure: Callable[..., Load], **defaults: float) -> int:
-    """Measure with what the command line gives of `defaults`; 1 if something was lost or memory has grown."""
-    parser = argparse.ArgumentParser(description=about)
-    for name, value in defaults.items():
-        if isinstance(value, bool):
-            parser.add_argument(f"--{name}", action="store_true")
-        else:
-            parser.add_argument(f"--{name}", type=type(value), default=value)
-    load = measure(**vars(parser.parse_args()))
-    print("\n".join(load.lines()))
-    return 1 if load.lost or load.cost.grew else 0
 
 
 class Meter:

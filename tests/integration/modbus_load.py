@@ -16,7 +16,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from integration.load import Polled, beside, command, polled, received
+from integration.command import command
+from integration.load import Polled, beside, polled, received
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 from support.modbus_plant import channel, source

@@ -13,17 +13,18 @@ import asyncio
 import json
 import sys
 import time
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import paho.mqtt.client as paho
-from integration.load import SETTLING, Cost, Meter, beside, command
+from integration.command import command
+from integration.load import SETTLING, Cost, Meter, beside
 from support.broker import broker
 from support.sources import bound, source_table
 
@@ -33,7 +34,8 @@ _LATEST = 60.0
 """Seconds that are waited for the last messages."""
 
 
-class Load(NamedTuple):
+@dataclass(frozen=True)
+class Load:
     """What was measured."""
 
     topics: int
@@ -47,9 +49,9 @@ class Load(NamedTuple):
     cost: Cost
 
     @property
-    def lost(self) -> bool:
-        """Whether a message was missed."""
-        return bool(self.missed)
+    def good(self) -> bool:
+        """Whether no message was missed and memory has not grown."""
+        return not self.missed and not self.cost.grew
 
     def lines(self) -> list[str]:
         """For a person."""

@@ -1,107 +1,38 @@
-"""The daemon for other machines: refused until safe, keys and certificates change while it runs, no secret gets out."""
+"""The daemon for other machines: refused until it has a key, and no secret gets out."""
 
 from __future__ import annotations
 
-import os
 import ssl
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
-import tomli_w
-from support.certificates import Pair, make_pair
-from support.harness import Daemon, free_port, overrides, thermogate
-from support.waiting import wait_until
+from support import sites
+from support.certificates import make_pair
+from support.harness import Daemon, overrides, thermogate
+from support.zenoh_plant import endpoint
 
 MARK = "MARKER-of-a-secret"
 ENVIRONMENT = "THERMOGATE_TEST_PASSWORD"
 
 
-class Site(NamedTuple):
-    """A daemon on every address of this machine, and what it was started with."""
-
-    daemon: Daemon
-    config: Path
-    settings: dict[str, object]
-    pair: Pair
-    admin: str
-
-    def ask(self, path: str, secret: str | None = None, method: str = "GET") -> tuple[int, str]:
-        """Status and text of an answer; `secret` is sent as a key."""
-        url = self.daemon.url().replace("0.0.0.0", "127.0.0.1") + path
-        headers = {} if secret is None else {"Authorization": f"Bearer {secret}"}
-        request = urllib.request.Request(url, headers=headers, method=method)
-        trust = ssl.create_default_context(cafile=self.pair.certificate)
-        try:
-            with urllib.request.urlopen(request, timeout=180, context=trust) as answer:
-                return answer.status, answer.read().decode()
-        except urllib.error.HTTPError as error:
-            with error:
-                return error.code, str(error.headers) + error.read().decode()
-
-
-def keys(config: Path, settings: dict[str, object], *words: str) -> str:
-    """stdout of `thermogate keys`."""
-    action, *rest = words
-    done = thermogate("keys", action, config, *rest, *overrides(settings))
-    assert done.returncode == 0, done.stderr
-    return done.stdout.strip()
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    folder = tmp_path_factory.mktemp("site")
-    pair = make_pair(folder)
-    (folder / "password").write_text(f"{MARK}-password-file")
-    (folder / "users").write_text(f"bms:{MARK}-users-file\n")
-    os.environ[ENVIRONMENT] = f"{MARK}-environment"
+def test_no_secret_gets_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = make_pair(tmp_path)
+    (tmp_path / "password").write_text(f"{MARK}-password-file")
+    (tmp_path / "users").write_text(f"bms:{MARK}-users-file\n")
+    monkeypatch.setenv(ENVIRONMENT, f"{MARK}-environment")
     # Two Zenoh sources that nobody answers, each with its own kind of password: their complaints are in the log.
-    channels = ("T_i", "T_out", "u_heat")
-    units = {"T_i": "degC", "T_out": "degC", "u_heat": "W"}
-    tables = {
-        "site": {"id": "house", "state_dir": str(folder / "state")},
-        "zenoh": {
-            "listen": [f"tcp/127.0.0.1:{free_port()}"],
-            "users_file": "users",
-            "user": "thermogate",
-            "password_file": "password",
-        },
-        "sources": {
-            "file": {
-                "kind": "zenoh",
-                "connect": [f"tcp/127.0.0.1:{free_port()}"],
-                "timeout": 0.2,
-                "user": "thermogate",
-                "password_file": "password",
-            },
-            "env": {
-                "kind": "zenoh",
-                "mode": "peer",
-                "listen": [f"tcp/127.0.0.1:{free_port()}"],
-                "user": "thermogate",
-                "password_env": ENVIRONMENT,
-                "users_file": "users",
-                "writers": ["bms"],
-            },
-        },
-        "zones": [
-            {
-                "id": zone,
-                "period": "5min",
-                "network": "titeth",
-                "estimator_options": {"particles": 100},
-                "channels": {
-                    name: {"source": source, "key": f"bms/{zone}/{name}", "unit": units[name]} for name in channels
-                },
-            }
-            for zone, source in (("living", "file"), ("bedroom", "env"))
-        ],
-    }
-    config = folder / "site.toml"
-    config.write_text(tomli_w.dumps(tables))
+    account = {"user": "thermogate", "password_file": "password"}
+    file = {"kind": "zenoh", "connect": [endpoint()], "timeout": 0.2, **account}
+    listening = {"kind": "zenoh", "mode": "peer", "listen": [endpoint()], "users_file": "users", "writers": ["bms"]}
+    env = {"user": "thermogate", "password_env": ENVIRONMENT} | listening
+    zones = [
+        sites.zone(zone, source, {name: {"key": f"bms/{zone}/{name}"} for name in sites.UNITS}, period="5min")
+        for zone, source in (("living", "file"), ("bedroom", "env"))
+    ]
+    ours = {"listen": [endpoint()], "users_file": "users", **account}
+    config = sites.written(tmp_path, {"file": file, "env": env}, zones, zenoh=ours)
     settings: dict[str, object] = {
         "zenoh.enabled": True,
         "http.host": "0.0.0.0",
@@ -109,29 +40,38 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         "http.private_key": str(pair.private_key),
     }
     refused = thermogate("run", config, *overrides(settings))
-    assert refused.returncode == 2, "there is no key yet"
-    assert "no valid API key" in refused.stderr
-    admin = keys(config, settings, "create", "boss", "--scope", "admin")
-    with Daemon(config, folder / "log", settings) as daemon:
-        yield Site(daemon, config, settings, pair, admin)
-    del os.environ[ENVIRONMENT]
+    assert (refused.returncode, "no valid API key" in refused.stderr) == (2, True), "there is no key yet"
+    made = thermogate("keys", "create", config, "boss", "--scope", "admin", *overrides(settings))
+    assert made.returncode == 0, made.stderr
+    admin = made.stdout.strip()
+    trust = ssl.create_default_context(cafile=pair.certificate)
 
+    def ask(path: str, secret: str, method: str = "GET") -> str:
+        """Head and text of an answer."""
+        url = daemon.url().replace("0.0.0.0", "127.0.0.1") + path
+        request = urllib.request.Request(url, headers={"Authorization": f"Bearer {secret}"}, method=method)
+        try:
+            with urllib.request.urlopen(request, timeout=180, context=trust) as answer:
+                return answer.read().decode()
+        except urllib.error.HTTPError as error:
+            with error:
+                return str(error.headers) + error.read().decode()
 
-def test_no_secret_gets_out(site: Site) -> None:
-    secrets = [MARK, site.admin, site.admin.removeprefix("tg_")]
-    secrets += [line for line in site.pair.private_key.read_text().splitlines() if "PRIVATE" not in line]
+    secrets = [MARK, admin, admin.removeprefix("tg_")]
+    secrets += [line for line in pair.private_key.read_text().splitlines() if "PRIVATE" not in line]
     paths = ["/", "/docs", "/openapi.json", "/healthz", "/readyz", "/metrics", "/zones", "/nowhere", "/admin/reload"]
     paths += [f"/zones/living{rest}" for rest in ("", "/forecast", "/parameters", "/history", "/history?limit=x")]
-    answers = {path: site.ask(path, site.admin)[1] for path in paths}
-    answers |= {f"wrong key {path}": site.ask(path, "tg_" + MARK)[1] for path in paths}
-    answers |= {f"POST {path}": site.ask(path, site.admin, "POST")[1] for path in paths}
-    for words in (["check"], ["show-config"], ["probe", "--seconds", "0.3", "--debug"], ["keys", "list"]):
-        done = thermogate(*words, site.config, *overrides(site.settings))
-        answers[words[0]] = done.stdout + done.stderr
-    assert "living" in answers["check"]
-    assert "password_file" in answers["show-config"]
-    wait_until(lambda: "trying again" in site.daemon.log(), site.daemon.log)
-    answers["log"] = site.daemon.log()
+    with Daemon(config, tmp_path / "log", settings) as daemon:
+        answers = {path: ask(path, admin) for path in paths}
+        answers |= {f"wrong key {path}": ask(path, "tg_" + MARK) for path in paths}
+        answers |= {f"POST {path}": ask(path, admin, "POST") for path in paths}
+        for words in (["check"], ["show-config"], ["probe", "--seconds", "0.3", "--debug"], ["keys", "list"]):
+            done = thermogate(*words, config, *overrides(settings))
+            answers[words[0]] = done.stdout + done.stderr
+        assert "living" in answers["check"]
+        assert "password_file" in answers["show-config"]
+        daemon.says("trying again")
+        answers["log"] = daemon.log()
     assert "sources.file: no Zenoh session" in answers["log"], "a source has complained"
     assert "wrong API key" in answers["log"]
     for place, text in answers.items():

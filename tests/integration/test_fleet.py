@@ -9,11 +9,12 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 import zenoh
-from support.campus import POSTED, rooms, told_by_clients, write_recording, write_site
+from support import sites
+from support.campus import POSTED, posted, rooms, write_site
 from support.fleet import Cluster, Fleet, Machine, get, post, post_lines, until
 from support.harness import Daemon, thermogate
 from support.poison.sitecustomize import POISON
@@ -32,33 +33,18 @@ PACE = 2400.0
 LEASE = 2.0
 POISONED, LIVE = "poisoned", "live"
 MEASURED = {"T_i": 21.5, "T_out": 4.25, "u_heat": 900.0}
-LIVE_ZONES = f"""
-[sources.bms]
-kind = "zenoh"
-connect = ["PLACE"]
-
-{told_by_clients(POISONED, 4)}
-[[zones]]
-id = "{LIVE}"
-period = 2
-network = "tite"
-estimator = "ekf"
-[zones.channels]
-T_i    = {{ source = "bms", key = "plant/T_i", unit = "degC" }}
-T_out  = {{ source = "bms", key = "plant/T_out", unit = "degC" }}
-u_heat = {{ source = "bms", key = "plant/u_heat", unit = "W" }}
-"""
 LEARNED = ("history?limit=20000", "forecast?horizon=3h", "parameters")
 
 
-class Site:
+class Site(NamedTuple):
     """The fleet and its surroundings, for all tests of this file, which come one after the other."""
 
-    def __init__(
-        self, cluster: Cluster, fleet: Fleet, database: Server, session: zenoh.Session, config: Path, key: str
-    ) -> None:
-        self.cluster, self.fleet, self.database, self.session = cluster, fleet, database, session
-        self.config, self.key = config, key
+    cluster: Cluster
+    fleet: Fleet
+    database: Server
+    session: zenoh.Session
+    config: Path
+    key: str
 
     def url(self) -> str:
         """A gateway that answers."""
@@ -97,13 +83,22 @@ class Site:
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     folder = tmp_path_factory.mktemp("campus")
-    write_recording(folder / "recording.csv", len(ROOMS), ROWS)
     place = endpoint()
+    live = sites.zone(LIVE, "bms", {name: {"key": f"plant/{name}"} for name in MEASURED}, period=2, estimator="ekf")
     with server() as database, Cluster() as cluster, zenoh_session(listen=place) as session:
-        address = f"postgresql://postgres@/postgres?host={database.folder}"
-        config = write_site(folder, address, site=SITE, count=len(ROOMS), shards=2, pace=PACE, lease=LEASE, cpus=1.0)
-        text = config.read_text(encoding="utf-8") + LIVE_ZONES.replace("PLACE", place)
-        config.write_text(text.replace("enabled = false", f'listen = []\nconnect = ["{place}"]'), encoding="utf-8")
+        config = write_site(
+            folder,
+            f"postgresql://postgres@/postgres?host={database.folder}",
+            site=SITE,
+            count=len(ROOMS),
+            shards=2,
+            pace=PACE,
+            lease=LEASE,
+            rows=ROWS,
+            zenoh={"listen": [], "connect": [place]},
+            sources={"bms": {"kind": "zenoh", "connect": [place]}},
+            zones=[posted(POISONED, 4), live],
+        )
         key = create_key(folder / "state" / "keys.json", "tester", "admin")
         cluster.add()
         with Fleet(config, cluster.address, folder / "fleet.log") as fleet:
@@ -238,30 +233,29 @@ def test_everything_goes_on_while_the_head_of_the_cluster_does_not_answer(site: 
         os.kill(head, signal.SIGCONT)
 
 
-def test_a_database_that_goes_away_is_waited_for(site: Site) -> None:
-    before, since = _boots(site), site.samples()
-    site.database.stop()
-    until(lambda: _posted(site, 20.5)[0] == 503, "a post that is not accepted")
-    # Until every lease is over: nobody else can take one without the database either.
-    time.sleep(1.5 * LEASE)
-    site.database.start()
-    until(lambda: _posted(site, 20.5)[0] == 200, "a post that is accepted")
-    until(lambda: site.goes_on(since), "new samples of every room")
-    assert _boots(site) == before, "no shard has to be started anew for it"
-
-
-def test_a_database_that_may_only_be_read_is_waited_for(site: Site) -> None:
-    before = _boots(site)
+@pytest.mark.parametrize("read_only", [False, True], ids=["goes away", "may only be read"])
+def test_a_database_that_takes_nothing_is_waited_for(site: Site, read_only: bool) -> None:
     run = site.database.run
-    run("ALTER SYSTEM SET default_transaction_read_only = on", "SELECT pg_reload_conf()")
+
+    def take(nothing: bool) -> None:
+        if not read_only:
+            site.database.stop() if nothing else site.database.start()
+        elif nothing:
+            run("ALTER SYSTEM SET default_transaction_read_only = on", "SELECT pg_reload_conf()")
+        else:
+            run("SET default_transaction_read_only = off", "ALTER SYSTEM RESET default_transaction_read_only")
+            run("SELECT pg_reload_conf()")
+
+    before = _boots(site)
+    take(nothing=True)
     try:
         until(lambda: _posted(site, 20.5)[0] == 503, "a post that is not accepted")
+        # Until every lease is over: nobody else can take one without the database either.
         time.sleep(1.5 * LEASE)
     finally:
-        run("SET default_transaction_read_only = off", "ALTER SYSTEM RESET default_transaction_read_only")
-        run("SELECT pg_reload_conf()")
-    since = site.samples()
+        take(nothing=False)
     until(lambda: _posted(site, 20.5)[0] == 200, "a post that is accepted")
+    since = site.samples()
     until(lambda: site.goes_on(since), "new samples of every room")
     assert _boots(site) == before, "no shard has to be started anew for it"
 

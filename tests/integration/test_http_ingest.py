@@ -4,62 +4,37 @@ from __future__ import annotations
 
 import json
 import time
-import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-import pytest
+from support import sites
 from support.harness import Daemon, ask, reload
 from support.waiting import wait_until
 
 from service.store.journal import Journal
 from service.web.keys import create_key
 
-CONFIG = """
-[site]
-id = "plant"
 
-[sources.telegraf]
-kind = "http"
+class Fed(Daemon):
+    """A daemon whose zone "office", with intervals of `period`, is posted to."""
 
-[[zones]]
-id = "office"
-period = "{period}"
-network = "tite"
-estimator_options = {{ particles = 50 }}
+    def __init__(self, folder: Path, period: str, key: str = "") -> None:
+        places = {
+            "T_i": {"measurement": "mqtt_consumer", "tags": {"topic": "room 1"}},
+            "T_out": {"name": "roof"},
+            "u_heat": {"unit": "kW"},
+        }
+        self.config = sites.written(
+            folder, {"telegraf": {"kind": "http"}}, [sites.zone("office", "telegraf", places, period=period)]
+        )
+        secret = key or create_key(folder / "state" / "keys.json", "telegraf", "admin")
+        super().__init__(self.config, folder / "log")
+        self.key = secret
 
-[zones.channels]
-T_i = {{ source = "telegraf", unit = "degC", measurement = "mqtt_consumer", tags = {{ topic = "room 1" }} }}
-T_out = {{ source = "telegraf", unit = "degC", name = "roof" }}
-u_heat = {{ source = "telegraf", unit = "kW" }}
-"""
-
-
-class Fed:
-    """A daemon and the key to post to it."""
-
-    def __init__(self, daemon: Daemon, key: str, config: Path) -> None:
-        self.daemon = daemon
-        self.key = key
-        self.config = config
-
-    def post(self, path: str, body: bytes, kind: str = "text/plain; charset=utf-8", **headers: str) -> tuple[int, dict]:
-        return ask(self.daemon.url() + path, body, self.key, Content_Type=kind, **headers)
-
-    def get(self, path: str) -> dict:
-        status, answer = ask(self.daemon.url() + path, key=self.key)
+    def take(self, body: bytes, kind: str = "text/plain; charset=utf-8") -> dict:
+        """The answer to a post of readings."""
+        status, answer = ask(f"{self.url()}/readings", body, self.key, Content_Type=kind)
         assert status == 200, answer
         return answer
-
-
-@contextmanager
-def fed(folder: Path, period: str, key: str = "") -> Iterator[Fed]:
-    config = folder / "plant.toml"
-    config.write_text(CONFIG.format(period=period))
-    key = key or create_key(folder / "state" / "keys.json", "telegraf", "admin")
-    with Daemon(config, folder / "log", {"site.state_dir": str(folder / "state")}) as daemon:
-        yield Fed(daemon, key, config)
 
 
 def lines(when: float) -> bytes:
@@ -74,64 +49,42 @@ def lines(when: float) -> bytes:
 
 
 def test_what_was_accepted_is_in_the_sample_although_the_daemon_was_killed(tmp_path: Path) -> None:
-    with fed(tmp_path, "2s") as one:
+    with Fed(tmp_path, "2s") as daemon:
         while True:
             # Aligned, so that all of it is in one interval, and early in it, so that it is still open.
             when = time.time() // 2 * 2 + 0.25
             pack = json.dumps([{"bn": "", "n": "roof", "u": "Cel", "v": 5.5, "t": when}]).encode()
-            status, first = one.post("/readings", pack, "application/senml+json")
-            assert status == 200, first
-            status, second = one.post("/readings", lines(when))
-            assert status == 200, second
+            first = daemon.take(pack, "application/senml+json")
+            second = daemon.take(lines(when))
             if (first["accepted"], second["accepted"]) == (1, 2):
                 break
         assert second["unknown"] == 4
         assert second["unknown_names"][:2] == ["mqtt_consumer value", "cpu usage_idle"]
-        one.daemon.kill()
-        key = one.key
-    with fed(tmp_path, "2s", key) as again:
+        daemon.kill()
+    with Fed(tmp_path, "2s", str(daemon.key)) as again:
         interval = when // 2 * 2
         seen = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(interval))
-        wait_until(lambda: (again.get("/zones")["zones"][0]["last_sample_time"] or "") >= seen, again.daemon.log)
+        again.wait(lambda zones: (zones["office"]["last_sample_time"] or "") >= seen)
         # Its interval has closed meanwhile; it is known all the same.
-        assert again.post("/readings", lines(when))[1]["repeated"] == 2
-        assert again.get("/zones/office")["status"]["faults"] == {}
-        again.daemon.terminate()
+        assert again.take(lines(when))["repeated"] == 2
+        assert again.status("office")["faults"] == {}
+        again.terminate()
     journal = Journal.open(tmp_path / "state" / "journal.sqlite3")
     (sample,) = (each for each in journal.samples_after("office", None) if each.time == interval)
     journal.close()
     assert (*sample.outputs, *sample.inputs) == (21.5, 5.5, 1500.0)
 
 
-@pytest.fixture(scope="module")
-def one(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fed]:
-    """A daemon whose interval stays open all day."""
-    with fed(tmp_path_factory.mktemp("fed"), "1d") as running:
-        yield running
-
-
-def day() -> float:
-    return time.time() // 86400 * 86400
-
-
-def test_a_zone_that_a_reload_starts_anew_goes_on_with_what_it_had_accepted(one: Fed) -> None:
-    when = day() + 5.0
-    assert one.post("/readings", lines(when))[1]["accepted"] == 2
-    text = one.config.read_text()
-    one.config.write_text(text.replace('network = "tite"', 'network = "tite"\nlateness = "10s"'))
-    reload(one.daemon, "changed office")
-    assert one.post("/readings", lines(when))[1]["repeated"] == 2
-    assert one.get("/zones/office")["status"]["faults"] == {}
-
-
-def test_metrics_and_log_tell_of_it(one: Fed) -> None:
-    request = urllib.request.Request(one.daemon.url() + "/metrics", headers={"Authorization": f"Bearer {one.key}"})
-    one.post("/readings", lines(day() + 2.0))
-    deadline = time.monotonic() + 180
-    text = ""
-    while 'thermogate_source_up{source="telegraf"} 1.0' not in text:
-        assert time.monotonic() < deadline, text
-        with urllib.request.urlopen(request, timeout=180) as answer:
-            text = answer.read().decode()
-    assert 'thermogate_source_readings_total{source="telegraf"}' in text
-    assert one.daemon.log().count("no channel asks for") == 1
+def test_a_zone_that_a_reload_starts_anew_goes_on_with_what_it_had_accepted(tmp_path: Path) -> None:
+    """Its interval stays open all day."""
+    with Fed(tmp_path, "1d") as daemon:
+        when = time.time() // 86400 * 86400 + 5.0
+        assert daemon.take(lines(when))["accepted"] == 2
+        daemon.config.write_text(daemon.config.read_text().replace('period = "1d"', 'period = "1d"\nlateness = "10s"'))
+        reload(daemon, "changed office")
+        assert daemon.take(lines(when))["repeated"] == 2
+        assert daemon.status("office")["faults"] == {}
+        # Metrics and log tell of it.
+        wait_until(lambda: 'thermogate_source_up{source="telegraf"} 1.0' in daemon.text("/metrics"))
+        assert 'thermogate_source_readings_total{source="telegraf"}' in daemon.text("/metrics")
+        assert daemon.log().count("no channel asks for") == 1

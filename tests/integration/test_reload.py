@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import tomllib
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
 import tomli_w
+from support import sites
 from support.harness import Daemon, ask, reload
+from support.modbus_plant import configuration, plant, running
 from support.waiting import wait_until
 
 from replay.lab.measuring.scenario import Scenario, write
@@ -45,22 +48,23 @@ class Home:
         """A zone that reads what the zone `like` reads."""
         self.table["zones"].append(zone(self.table, like) | {"id": name} | changes)
 
+    def keep(self, *names: str) -> None:
+        """Remove every other zone."""
+        self.table["zones"] = [zone for zone in self.table["zones"] if zone["id"] in names]
+
 
 @pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[dict[str, Any]]]:
-    """The history of the home's zones where nobody reloads anything."""
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[sites.Table]]:
+    """What a replay makes of the home's zones."""
     home = Home(tmp_path_factory.mktemp("undisturbed") / "home")
-    names = [zone["id"] for zone in home.table["zones"]]
-    with Daemon(home.path, home.path.with_name("log")) as daemon:
-        daemon.wait_until_ended()
-        return {name: daemon.history(name) for name in names}
+    return sites.replayed(home.path, home.path.with_name("out"))
 
 
 def test_zones_that_stay_the_same_do_so_to_the_last_bit(
-    tmp_path: Path, undisturbed: dict[str, list[dict[str, Any]]]
+    tmp_path: Path, undisturbed: dict[str, list[sites.Table]]
 ) -> None:
     home = Home(tmp_path / "home")
-    kept, *others = undisturbed
+    kept, other = (zone["id"] for zone in home.table["zones"])
     original = dict(zone(home.table, kept))
     # Under load: eight more zones share the source and the threads, and come, change and go.
     for number in range(8):
@@ -68,7 +72,7 @@ def test_zones_that_stay_the_same_do_so_to_the_last_bit(
     home.write()
     with Daemon(home.path, home.path.with_name("log")) as daemon:
         daemon.wait(lambda zones: zones[kept]["samples"] >= 40)
-        home.table["zones"] = [zone for zone in home.table["zones"] if zone["id"] not in ("extra-0", "extra-1")]
+        home.keep(kept, other, *(f"extra-{number}" for number in range(2, 8)))
         zone(home.table, "extra-2")["levels"] = [0.9, 0.5]
         home.add(kept, "late")
         home.write()
@@ -81,95 +85,103 @@ def test_zones_that_stay_the_same_do_so_to_the_last_bit(
         status, body = daemon.get("/zones/extra-2/forecast")
         assert [interval["level"] for interval in body["intervals"]] == [0.9, 0.5], (status, body)
         assert daemon.get("/zones/extra-0")[0] == 404
-        home.table["zones"] = [zone for zone in home.table["zones"] if zone["id"] in (kept, *others, "late")]
+        home.keep(kept, other, "late")
         home.write()
         reload(daemon, "removed extra-2, extra-3, extra-4, extra-5, extra-6, extra-7")
         daemon.wait_until_ended()
         assert zone(home.table, kept) == original
         # The late zone read the recording from its beginning, and learned the same as one that began in time.
-        for name in undisturbed:
-            assert daemon.history(name) == undisturbed[name], name
+        for name, rows in undisturbed.items():
+            sites.same_history(daemon, name, rows)
         assert [row["time"] for row in daemon.history("late")] == [row["time"] for row in undisturbed[kept]]
         assert daemon.terminate() == 0
         assert "Traceback" not in daemon.log()
 
 
-def test_a_changed_zone_goes_on_from_its_checkpoint(
-    tmp_path: Path, undisturbed: dict[str, list[dict[str, Any]]]
+def test_what_changes_or_comes_back_goes_on_and_what_stands_against_it_is_said(
+    tmp_path: Path, undisturbed: dict[str, list[sites.Table]]
 ) -> None:
-    home = Home(tmp_path / "home")
-    name, *_ = undisturbed
-    with Daemon(home.path, home.path.with_name("log")) as daemon:
-        daemon.wait(lambda zones: zones[name]["samples"] >= 60)
-        # It changes what is published, not what is learned: the state goes on to the last bit.
-        zone(home.table, name)["levels"] = [0.95, 0.8]
-        home.write()
-        reload(daemon, f"configuration reloaded: changed {name}")
-        assert daemon.log().count(f"zone '{name}' goes on after") == 1
-        daemon.wait_until_ended()
-        assert daemon.history(name) == undisturbed[name]
-
-
-def test_what_stands_against_a_reload_is_said_and_nothing_changes(tmp_path: Path) -> None:
-    home = Home(tmp_path / "home")
-    first, second = (zone["id"] for zone in home.table["zones"])
-    with Daemon(home.path, home.path.with_name("log")) as daemon:
-        daemon.wait(lambda zones: zones[first]["samples"] >= 5)
-        home.table["zones"].pop()
-        zone(home.table, first)["period"] = "20min"
-        home.write()
-        reload(daemon, f"not reloaded: zone '{first}': its network, period, estimator")
-        home.path.write_text("[site]\nid = 7\n[[zones]]")
-        reload(daemon, "not reloaded: site.id")
-        assert "not reloaded: sources" in daemon.log()
-        home.path.unlink()
-        reload(daemon, "cannot be read")
-        assert set(daemon.wait(lambda zones: True)) == {first, second}
-        home.table["site"]["checkpoint_every"] = "7min"
-        zone(home.table, first)["period"] = "10min"
-        home.write()
-        reload(daemon, "not reloaded: site.checkpoint_every: this takes effect with the next start only")
-        assert daemon.terminate() == 0
-
-
-def test_a_zone_that_comes_back_is_restored(tmp_path: Path, undisturbed: dict[str, list[dict[str, Any]]]) -> None:
     home = Home(tmp_path / "home")
     first, second = (zone["id"] for zone in home.table["zones"])
     whole = list(home.table["zones"])
+    admin = create_key(home.path.parent / "state" / "keys.json", "boss", "admin")
     with Daemon(home.path, home.path.with_name("log")) as daemon:
-        daemon.wait(lambda zones: zones[second]["samples"] >= 30)
-        home.table["zones"] = [zone for zone in whole if zone["id"] == first]
+        daemon.key = admin
+
+        def asked(secret: str | None = admin) -> tuple[int, dict[str, Any]]:
+            return ask(f"{daemon.url()}/admin/reload", b"", secret)
+
+        assert asked(None)[0] == 401
+        answer = wait_until(lambda: None if "still starting" in (got := asked())[1].get("detail", "") else got)
+        assert answer == (200, {"status": "reloaded", "done": "nothing has changed"})
+        daemon.wait(lambda zones: zones[first]["samples"] >= 30)
+        # It changes what is published, not what is learned: the state goes on to the last bit.
+        zone(home.table, first)["levels"] = [0.95, 0.8]
         home.write()
-        reload(daemon, f"configuration reloaded: removed {second}")
+        reload(daemon, f"configuration reloaded: changed {first}")
+        assert daemon.log().count(f"zone '{first}' goes on after") == 1
+        # A zone that goes and comes back is restored.
+        home.keep(first)
+        home.write()
+        assert asked() == (200, {"status": "reloaded", "done": f"removed {second}"})
         assert f'zone="{second}"' not in daemon.text("/metrics")
         home.table["zones"] = whole
         home.write()
         reload(daemon, f"configuration reloaded: added {second}")
         assert f"zone '{second}' goes on after" in daemon.log()
-        daemon.wait_until_ended()
-        for name in (first, second):
-            assert daemon.history(name) == undisturbed[name]
-
-
-def test_a_reload_over_rest_takes_an_administrator(tmp_path: Path) -> None:
-    home = Home(tmp_path / "home")
-    first, second = (zone["id"] for zone in home.table["zones"])
-
-    admin = create_key(home.path.parent / "state" / "keys.json", "boss", "admin")
-    with Daemon(home.path, home.path.with_name("log")) as daemon:
-
-        def asked(secret: str | None) -> tuple[int, dict[str, Any]]:
-            return ask(f"{daemon.url()}/admin/reload", b"", secret)
-
-        assert asked(None)[0] == 401
-        answer = wait_until(lambda: None if "still starting" in (got := asked(admin))[1].get("detail", "") else got)
-        assert answer == (200, {"status": "reloaded", "done": "nothing has changed"})
-        home.table["zones"] = [zone for zone in home.table["zones"] if zone["id"] == first]
+        # What stands against a reload is said, and nothing changes.
+        period = zone(home.table, first)["period"]
+        zone(home.table, first)["period"] = "20min"
         home.write()
-        assert asked(admin) == (200, {"status": "reloaded", "done": f"removed {second}"})
-        zone(home.table, first)["period"] = "1h"
-        home.write()
-        status, document = asked(admin)
-        assert status == 409
+        reload(daemon, f"not reloaded: zone '{first}': its network, period, estimator")
+        status, document = asked()
         (problem,) = document["errors"]
-        assert problem.startswith(f"zone '{first}': its network, period, estimator")
+        assert (status, problem.startswith(f"zone '{first}': its network, period, estimator")) == (409, True)
+        home.path.write_text("[site]\nid = 7\n[[zones]]")
+        reload(daemon, "not reloaded: site.id")
+        assert "not reloaded: sources" in daemon.log()
+        home.path.unlink()
+        reload(daemon, "cannot be read")
+        home.table["site"]["checkpoint_every"], zone(home.table, first)["period"] = "7min", period
+        home.write()
+        reload(daemon, "not reloaded: site.checkpoint_every: this takes effect with the next start only")
+        assert set(daemon.wait_until_ended()) == {first, second}
+        for name, rows in undisturbed.items():
+            sites.same_history(daemon, name, rows)
+        assert daemon.terminate() == 0
+
+
+def test_a_live_source_keeps_its_connection_and_loses_no_sample(tmp_path: Path) -> None:
+    with running(plant(holding=[215, 53, 400, 21, 190, 60])) as site:
+        path = configuration(tmp_path, {"bms": site.port})
+        table = tomllib.loads(path.read_text())
+        (kept,) = table["zones"]
+        added = kept | {"id": "added", "channels": {name: dict(where) for name, where in kept["channels"].items()}}
+        added["channels"]["T_i"]["register"] = 4
+
+        def goes_on() -> None:
+            samples = daemon.until("zone-bms", lambda status: status["state"] == "running")["samples"]
+            daemon.until("zone-bms", lambda status: status["samples"] >= samples + 3)
+
+        with Daemon(path, tmp_path / "log") as daemon:
+            daemon.until("zone-bms", lambda status: status["samples"] >= 3)
+            path.write_text(tomli_w.dumps(table | {"zones": [kept, added]}))
+            reload(daemon, "configuration reloaded: added added")
+            daemon.until("added", lambda status: status["samples"] >= 3)
+            path.write_text(tomli_w.dumps(table))
+            reload(daemon, "configuration reloaded: removed added")
+            goes_on()
+            assert site.connections == 1
+            rows = daemon.history("zone-bms")
+            times = [datetime.fromisoformat(row["time"]).timestamp() for row in rows]
+            assert times == [times[0] + step for step in range(len(times))]
+            # The very first interval may have begun before its first reading.
+            assert all(row["y"] is not None for row in rows[1:])
+            # A changed source is opened anew, and its zones go on.
+            table["sources"]["bms"]["poll"] = 0.3
+            path.write_text(tomli_w.dumps(table))
+            reload(daemon, "configuration reloaded: sources changed: bms")
+            goes_on()
+            assert site.connections == 2
+            assert "goes on after" not in daemon.log()
+            assert daemon.terminate() == 0

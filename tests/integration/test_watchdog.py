@@ -3,15 +3,13 @@
 import os
 import signal
 import socket
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 from support.harness import EXAMPLES, ROOT
+from support.processes import Program
 from support.waiting import wait_until
-
-CONFIG = EXAMPLES / "generic-csv.toml"
 
 # The daemon as it is; where asked for, with one zone whose step never ends, and little patience.
 DRIVER = """
@@ -45,94 +43,75 @@ sys.exit(service.daemon.run.run_daemon(read(), reread=read))
 """
 
 
-class Manager:
-    """Runs the daemon as systemd does, and hears what it says."""
+class Managed(Program):
+    """The daemon, run as systemd does; `hear` is what it says to its service manager."""
 
     def __init__(self, folder: Path, *words: str) -> None:
-        self.log = folder / "log"
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.bind(str(folder / "notify"))
-        self._socket.settimeout(180)
         environment = {"NOTIFY_SOCKET": str(folder / "notify"), "WATCHDOG_USEC": "2000000"}
         settings = [f"site.state_dir={str(folder / 'state')!r}", "http.port=0", "zenoh.enabled=false"]
         settings += ["zones.room-1.estimator_options.particles=50"]
-        with self.log.open("w") as stream:
-            self.process = subprocess.Popen(
-                [sys.executable, "-c", DRIVER, str(CONFIG), *settings, *words],
-                env=os.environ | environment,
-                stderr=stream,
-                cwd=ROOT,
-            )
-
-    def __enter__(self) -> "Manager":
-        return self
+        command = [sys.executable, "-c", DRIVER, EXAMPLES / "generic-csv.toml", *settings, *words]
+        super().__init__(command, folder / "log", env=os.environ | environment, cwd=ROOT)
 
     def __exit__(self, *_: object) -> None:
-        self.process.kill()
-        self.process.wait()
+        super().__exit__()
         self._socket.close()
 
-    def hear(self, wanted: str, timeout: float = 240) -> list[str]:
+    def hear(self, wanted: str, seconds: float = 240) -> list[str]:
         """Everything up to the message that has `wanted`."""
         heard: list[str] = []
-        deadline = time.monotonic() + timeout
+        deadline = time.monotonic() + seconds
+        self._socket.settimeout(180)
         while time.monotonic() < deadline:
-            assert self.process.poll() is None or wanted == "STOPPING=1", self.log.read_text()
+            assert self.process.poll() is None or wanted == "STOPPING=1", self.log()
             heard += self._socket.recv(4096).decode().splitlines()
             if wanted in heard:
                 return heard
-        raise AssertionError(f"{wanted} was not heard in {heard[-20:]}; {self.log.read_text()}")
+        raise AssertionError(f"{wanted} was not heard in {heard[-20:]}; {self.log()}")
 
-    def leave(self) -> None:
-        """Listen no more."""
-        self._socket.close()
-
-    def silence(self, seconds: float) -> bool:
+    def is_silent(self, seconds: float) -> bool:
         """Whether nothing is heard for so long."""
         self._socket.settimeout(seconds)
         try:
             self._socket.recv(4096)
         except TimeoutError:
             return True
-        finally:
-            self._socket.settimeout(180)
         return False
 
 
 def test_ready_then_fed_then_reloaded_then_stopped(tmp_path: Path) -> None:
-    with Manager(tmp_path) as manager:
-        before = manager.hear("READY=1")
+    with Managed(tmp_path) as daemon:
+        before = daemon.hear("READY=1")
         assert "WATCHDOG=1" not in before
         assert any(line.startswith("EXTEND_TIMEOUT_USEC=") for line in before)
         # The recording is over soon; a zone that waits for telemetry is no reason to stop.
         for _ in range(40):
-            manager.hear("WATCHDOG=1")
-        manager.process.send_signal(signal.SIGHUP)
-        manager.hear("RELOADING=1")
-        manager.hear("READY=1")
-        assert "configuration reloaded: nothing has changed" in manager.log.read_text()
-        manager.process.send_signal(signal.SIGTERM)
-        manager.hear("STOPPING=1")
-        assert manager.process.wait(timeout=180) == 0
+            daemon.hear("WATCHDOG=1")
+        daemon.process.send_signal(signal.SIGHUP)
+        daemon.hear("RELOADING=1")
+        daemon.hear("READY=1")
+        assert "configuration reloaded: nothing has changed" in daemon.log()
+        daemon.process.send_signal(signal.SIGTERM)
+        daemon.hear("STOPPING=1")
+        assert daemon.process.wait(timeout=180) == 0
 
 
 def test_a_zone_that_hangs_is_not_hidden_by_those_that_work(tmp_path: Path) -> None:
-    with Manager(tmp_path, "hang") as manager:
-        manager.hear("READY=1")
-        wait_until(lambda: "the daemon hangs" in manager.log.read_text())
-        wait_until(lambda: manager.silence(1.5), lambda: "the watchdog is fed though a zone hangs")
-        wait_until(lambda: "room-1" in manager.log.read_text())
+    with Managed(tmp_path, "hang") as daemon:
+        daemon.hear("READY=1")
+        daemon.says("the daemon hangs")
+        wait_until(lambda: daemon.is_silent(1.5), lambda: "the watchdog is fed though a zone hangs")
+        daemon.says("room-1")
         # systemd then ends it so; the log says where every thread was.
-        manager.process.send_signal(signal.SIGABRT)
-        assert manager.process.wait(timeout=180) == -signal.SIGABRT
-        log = manager.log.read_text()
-        assert "Current thread" in log
-        assert "threading.py" in log
+        assert daemon.terminate(signal.SIGABRT) == -signal.SIGABRT
+        assert "Current thread" in daemon.log()
+        assert "threading.py" in daemon.log()
 
 
 def test_a_reload_that_breaks_half_way_ends_the_daemon_for_a_fresh_start(tmp_path: Path) -> None:
-    with Manager(tmp_path, "break") as manager:
-        manager.hear("READY=1")
-        manager.process.send_signal(signal.SIGHUP)
-        assert manager.process.wait(timeout=180) == 1
-        assert "JournalError: the journal is gone" in manager.log.read_text()
+    with Managed(tmp_path, "break") as daemon:
+        daemon.hear("READY=1")
+        assert daemon.terminate(signal.SIGHUP) == 1
+        assert "JournalError: the journal is gone" in daemon.log()

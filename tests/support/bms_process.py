@@ -3,41 +3,38 @@
 from __future__ import annotations
 
 import json
-import re
-import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
+import urllib.request
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from support.harness import THERMOGATE, ask
+from support.processes import Program
 
 
-class Bms:
-    """A running simulated BMS."""
+class Bms(Program):
+    """A simulated BMS that has greeted."""
 
-    def __init__(self, process: subprocess.Popen[str], greeting: str) -> None:
-        self.process, self.greeting = process, greeting
-        self.port = int(re.search(r"Modbus TCP +127\.0\.0\.1:(\d+)", greeting)[1])  # type: ignore[index]
-        self.control = re.search(r"Control +(http://\S+);", greeting)[1]  # type: ignore[index]
+    def __init__(self, *arguments: object) -> None:
+        self._folder = TemporaryDirectory()
+        command = [THERMOGATE, "simulate-bms", "--port", 0, "--control-port", 0, *arguments]
+        super().__init__(command, Path(self._folder.name) / "log")
+        self.says("Ctrl-C")
+        self.port = int(self.says(r"Modbus TCP +127\.0\.0\.1:(\d+)")[1])
+        self.control = self.says(r"Control +(http://\S+);")[1]
 
-    def post(self, path: str, body: dict[str, object]) -> dict[str, object]:
-        status, answer = ask(self.control + path, json.dumps(body).encode(), Content_Type="application/json")
+    def __exit__(self, *_: object) -> None:
+        self.kill()
+        self._folder.cleanup()
+
+    def get(self, path: str) -> dict:
+        return ask(self.control + path)[1]
+
+    def break_down(self, kind: str, device: str, **more: object) -> None:
+        """Begin a fault."""
+        body = json.dumps({"kind": kind, "device": device} | more).encode()
+        status, answer = ask(f"{self.control}/faults", body, Content_Type="application/json")
         assert status < 300, answer
-        return answer
 
-
-@contextmanager
-def simulated(*arguments: object) -> Iterator[Bms]:
-    command = [str(THERMOGATE), "simulate-bms", "--port", "0", "--control-port", "0", *map(str, arguments)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    assert process.stderr is not None
-    try:
-        lines: list[str] = []
-        while not lines or "Ctrl-C" not in lines[-1]:
-            line = process.stdout.readline()
-            assert line, process.stderr.read()
-            lines.append(line)
-        yield Bms(process, "".join(lines))
-    finally:
-        process.kill()
-        process.communicate()
+    def mend(self) -> None:
+        """End every fault."""
+        urllib.request.urlopen(urllib.request.Request(f"{self.control}/faults", method="DELETE"), timeout=180).close()

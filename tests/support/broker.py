@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-import socket
 import subprocess
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +12,7 @@ from typing import Any
 
 import paho.mqtt.client as paho
 import pytest
-from support.harness import free_port
+from support.processes import Program, free_port, listens
 from support.waiting import PATIENCE
 
 SEARCH = f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin"
@@ -34,40 +32,22 @@ class Mosquitto:
     def __init__(self, folder: Path, *lines: str, listener: Sequence[str] = ()) -> None:
         """`lines` are settings of the broker, and `listener` of its listener."""
         self.port = free_port()
-        self.folder = folder
-        self._program = program("mosquitto")
         self._config = folder / "mosquitto.conf"
-        settings = [
-            *(lines or ("allow_anonymous true",)),
-            # As root it would become a user who cannot read the folder.
-            "user root",
-            f"listener {self.port} 127.0.0.1",
-            *listener,
-        ]
+        # As root it would become a user who cannot read the folder.
+        own = ["user root", f"listener {self.port} 127.0.0.1"]
+        settings = [*(lines or ("allow_anonymous true",)), *own, *listener]
         self._config.write_text("\n".join(settings) + "\n", encoding="utf-8")
-        self._process: subprocess.Popen[bytes] | None = None
+        self._running: Program | None = None
 
     def start(self) -> None:
-        with (self.folder / "mosquitto.log").open("ab") as log:
-            self._process = subprocess.Popen([self._program, "-c", str(self._config)], stdout=log, stderr=log)
-        deadline = time.monotonic() + PATIENCE
-        while not self._listens():
-            assert self._process.poll() is None, self.log()
-            assert time.monotonic() < deadline, self.log()
-            time.sleep(0.02)
-
-    def _listens(self) -> bool:
-        with socket.socket() as attempt:
-            return attempt.connect_ex(("127.0.0.1", self.port)) == 0
+        command = [program("mosquitto"), "-c", self._config]
+        self._running = Program(command, self._config.with_suffix(".log"))
+        self._running.wait_for(lambda: listens(self.port))
 
     def stop(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-            self._process = None
-
-    def log(self) -> str:
-        return (self.folder / "mosquitto.log").read_text(encoding="utf-8", errors="replace")
+        if self._running is not None:
+            self._running.kill()
+            self._running = None
 
 
 @contextmanager

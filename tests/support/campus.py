@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import math
+import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 
-START = 1_746_230_400
+from support import sites
+
 PERIOD = 600
 POSTED = "posted"
 """The room that clients post to."""
@@ -13,17 +15,14 @@ POSTED = "posted"
 
 def told_by_clients(zone: str, period: int) -> str:
     """The table of a zone whose readings are posted, sampled every `period` s."""
-    return f"""
-[[zones]]
-id = "{zone}"
-period = {period}
-network = "tite"
-estimator = "ekf"
-[zones.channels]
-T_i    = {{ source = "clients", unit = "degC" }}
-T_out  = {{ source = "clients", unit = "degC" }}
-u_heat = {{ source = "clients", unit = "W" }}
-"""
+    channels = "\n".join(f'{name} = {{ source = "clients", unit = "{unit}" }}' for name, unit in sites.UNITS.items())
+    own = f'[[zones]]\nid = "{zone}"\nperiod = {period}\nnetwork = "tite"\nestimator = "ekf"\n'
+    return f"\n{own}[zones.channels]\n{channels}\n"
+
+
+def posted(zone: str, period: int) -> sites.Table:
+    """The same, parsed."""
+    return tomllib.loads(told_by_clients(zone, period))["zones"][0]
 
 
 def rooms(count: int) -> list[str]:
@@ -31,73 +30,44 @@ def rooms(count: int) -> list[str]:
     return [f"room-{number:04d}" for number in range(count)]
 
 
-def write_recording(path: Path, count: int, rows: int) -> None:
+def write_recording(path: Path, count: int, rows: int) -> sites.Table:
     """Write `rows` samples of so many rooms, each now and then without a measurement."""
-    lines = ["time,T_out,heat," + ",".join(rooms(count))]
-    for k in range(rows):
-        outdoor, heat = 5 + 6 * math.sin(k / 22), 1500.0 * ((k // 5) % 3 == 0)
-        indoor = [20 + math.sin(k / 9 + i) + 0.05 * math.sin(7.3 * k * (i + 1)) + heat / 4000 for i in range(count)]
-        shown = [f"{value:.3f}" if (k + 97 * i) % 61 > 2 else "" for i, value in enumerate(indoor)]
-        lines.append(f"{START + PERIOD * k},{outdoor:.3f},{heat:.0f},{','.join(shown)}")
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return sites.recording(path, rooms(count), rows, PERIOD, (61, 3))
 
 
 def write_site(
-    folder: Path, database: str, *, site: str, count: int, shards: int, pace: float | str, lease: float, cpus: float
+    folder: Path,
+    database: str,
+    *,
+    site: str,
+    count: int,
+    shards: int,
+    pace: float | str,
+    lease: float,
+    rows: int = 4,
+    zenoh: sites.Table | None = None,
+    sources: sites.Table | None = None,
+    zones: Sequence[sites.Table] = (),
 ) -> Path:
-    """The configuration of a campus beside its recording."""
-    zones = "".join(
-        f"""
-[[zones]]
-id = "{room}"
-period = {PERIOD}
-network = "tite"
-estimator = "{"ekf" if number % 2 else "rbpf"}"
-{"" if number % 2 else "estimator_options = { particles = 50 }"}
-[zones.channels]
-T_i    = {{ source = "log", column = "{room}", unit = "degC" }}
-T_out  = {{ source = "log", column = "T_out", unit = "degC" }}
-u_heat = {{ source = "log", column = "heat", unit = "W" }}
-"""
-        for number, room in enumerate(rooms(count))
+    """The configuration of a campus beside its recording of so many `rows`; with more `sources` and `zones`."""
+    log = write_recording(folder / "recording.csv", count, rows) | {"pace": pace}
+    own = [
+        sites.recorded(
+            room, period=PERIOD, **({"estimator": "ekf"} if k % 2 else {"estimator_options": {"particles": 50}})
+        )
+        for k, room in enumerate(rooms(count))
+    ]
+    return sites.written(
+        folder,
+        {"log": log, "clients": {"kind": "http"}, **(sources or {})},
+        [*own, posted(POSTED, 3600), *zones],
+        site={"id": site, "checkpoint_every": 2},
+        http={"port": 0},
+        zenoh=zenoh or {"enabled": False},
+        fleet={"database": database, "shards": shards, "shard_cpus": 1.0, "lease": lease},
     )
-    path = folder / "site.toml"
-    path.write_text(
-        f"""
-[site]
-id = "{site}"
-state_dir = "state"
-checkpoint_every = 2
-
-[http]
-port = 0
-
-[zenoh]
-enabled = false
-
-[fleet]
-database = "{database}"
-shards = {shards}
-shard_cpus = {cpus}
-lease = {lease}
-
-[sources.log]
-kind = "csv"
-files = ["recording.csv"]
-pace = {pace if isinstance(pace, float) else f'"{pace}"'}
-timestamp = {{ column = "time", format = "epoch" }}
-
-[sources.clients]
-kind = "http"
-{zones}
-{told_by_clients(POSTED, 3600)}""",
-        encoding="utf-8",
-    )
-    return path
 
 
 def small_site(folder: Path, count: int = 1, shards: int = 1, site: str = "campus", lease: float = 5.0) -> Path:
     """The same with a short recording, for a fleet that stands still."""
-    write_recording(folder / "recording.csv", count, 4)
-    address = "postgresql://db/x"
-    return write_site(folder, address, site=site, count=count, shards=shards, pace=60.0, lease=lease, cpus=1.0)
+    return write_site(folder, "postgresql://db/x", site=site, count=count, shards=shards, pace=60.0, lease=lease)

@@ -8,7 +8,6 @@ import os
 import secrets
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
@@ -16,7 +15,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from support.harness import ROOT, THERMOGATE, ask, free_port
+from support.harness import ROOT, THERMOGATE, ask
+from support.processes import Program, free_port
 from support.waiting import PATIENCE, Found, wait_until
 
 RAY = Path(sys.executable).with_name("ray")
@@ -63,15 +63,12 @@ def until(found: Callable[[], Found], what: str, patience: float = PATIENCE) -> 
     return wait_until(found, lambda: f"waited {patience:.0f} s in vain for {what}", patience)
 
 
-class Machine:
+class Machine(Program):
     """A node of a Ray cluster: `ray start` and all that it starts."""
 
     def __init__(self, log: Path, *options: str) -> None:
-        command = [str(RAY), "start", "--block", "--num-cpus=8", "--object-store-memory=83886080", *options]
-        with log.open("w") as stream:
-            self.process = subprocess.Popen(
-                command, stdout=stream, stderr=stream, env=environment(), start_new_session=True
-            )
+        command = [RAY, "start", "--block", "--num-cpus=8", "--object-store-memory=83886080", *options]
+        super().__init__(command, log, env=environment(), start_new_session=True)
         self.frozen: list[int] = []
 
     @property
@@ -163,50 +160,32 @@ class Cluster:
         starts beside a busy one; as a service it would be started again."""
         for _ in range(ATTEMPTS):
             self._started += 1
-            log = self.folder / f"machine-{self._started}.log"
-            machine = Machine(log, *options)
-            until(lambda log=log, one=machine: one.ended or "Ray runtime started" in log.read_text(), "a machine")
+            machine = Machine(self.folder / f"machine-{self._started}.log", *options)
+            until(lambda one=machine: one.ended or "Ray runtime started" in one.log(), "a machine")
             if not machine.ended:
                 return machine
-        raise AssertionError(f"Ray does not start: {log.read_text()}")
+        raise AssertionError(f"Ray does not start: {machine.log()}")
 
 
-class Fleet:
-    """`thermogate fleet run` on a cluster; a context manager that never leaves a process behind."""
+class Fleet(Program):
+    """`thermogate fleet run` on a cluster."""
 
     def __init__(self, config: Path, address: str, log: Path) -> None:
-        self._config, self._address, self._log = config, address, log
+        self._config, self._address = config, address
         self._told = log.with_suffix(".status")
-        self._watch: subprocess.Popen[bytes] | None = None
-        with log.open("w") as stream:
-            self.process = subprocess.Popen(self._command("run"), stdout=stream, stderr=stream, env=environment())
-
-    def __enter__(self) -> Fleet:
-        return self
+        self._watch: Program | None = None
+        super().__init__(self._command("run"), log, env=environment())
 
     def __exit__(self, *_: object) -> None:
-        for process in (self._watch, self.process):
-            if process is not None and process.poll() is None:
-                process.kill()
-                process.wait()
-
-    def log(self) -> str:
-        return self._log.read_text()
-
-    def terminate(self) -> int:
-        """Exit code after an orderly stop."""
-        self.process.send_signal(signal.SIGTERM)
-        return self.process.wait(timeout=PATIENCE)
+        if self._watch is not None:
+            self._watch.kill()
+        self.kill()
 
     def status(self) -> dict[str, Any]:
         """What `fleet status` told last, which it does all the time; nothing before the fleet answers."""
-        if self._watch is None or self._watch.poll() is not None:
+        if self._watch is None or self._watch.process.poll() is not None:
             command = [*self._command("status"), "--json", "--every", "0.3"]
-            self._told.touch()
-            with self._told.open("a") as stream:
-                self._watch = subprocess.Popen(
-                    command, stdout=stream, stderr=subprocess.DEVNULL, env=environment(), start_new_session=True
-                )
+            self._watch = Program(command, self._told, env=environment(), start_new_session=True)
         lines = [line for line in self._told.read_text().split("\n")[:-1] if line.startswith("{")]
         found: dict[str, Any] = json.loads(lines[-1]) if lines else {"members": [], "moving_zones": 0}
         return found

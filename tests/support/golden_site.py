@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import tomli_w
 from support.running_zone import plumbing
 
 from service.config.fitting import fingerprint, make_alignment, make_worker, measured_outputs, surroundings
@@ -24,117 +25,68 @@ SAMPLES = 170
 ENDED = "ekf"
 """The zone whose recording has come to its end."""
 
-CONFIG = """
-[site]
-id = "golden"
-state_dir = "state"
-time_zone = "Europe/Berlin"
+HEATED = {"T_i": "west", "T_out": "outside", "u_heat": "heat"}
+EAST = {"T_air": "east", "T_out": "outside", "T_adj": "west", "u_heat": "heat"}
+WITH_WALL = {"T_i": "west", "T_e": "wall", "T_out": "outside", "u_heat": "heat"}
+"""The column of each channel."""
 
-[sources.recording]
-kind = "csv"
-files = ["recording.csv"]
-timestamp = { column = "time", format = "iso8601", zone = "UTC" }
+TWO_SENSORS = {
+    "name": "two-sensors",
+    "measured": ["T_i", "T_e"],
+    "boundaries": ["T_out"],
+    "capacitances": {"T_i": {"lower": 1e5, "upper": 1e8}, "T_e": {"lower": 1e6, "upper": 1e9}},
+    "conductances": [
+        {"name": "g_ie", "between": ["T_i", "T_e"], "lower": 10, "upper": 1e4},
+        {"name": "g_e_out", "between": ["T_e", "T_out"], "lower": 5, "upper": 5e3},
+    ],
+    "heat_inputs": [{"channel": "u_heat", "node": "T_i", "unit": "W"}],
+}
+MEMBERS = {
+    "jump": {"estimator": "mkf", "particles": 30, "scenarios": 30},
+    "ekf": {"estimator": "ekf"},
+    "arx": {"estimator": "arx"},
+}
+BLOCKS = {"air": ["T_i"], "mass": ["T_e", "T_h"]}
 
-[[zones]]
-id = "rbpf"
-period = "10min"
-network = "titeth"
-levels = [0.95, 0.5]
-seed = 3
-estimator = "rbpf"
-estimator_options = { particles = 80, volatility_blocks = { air = ["T_i"], mass = ["T_e", "T_h"] } }
-setpoint = { source = "recording", column = "wanted", unit = "degC" }
-[zones.channels]
-T_i = { source = "recording", column = "west", unit = "degC" }
-T_out = { source = "recording", column = "outside", unit = "degC" }
-u_heat = { source = "recording", column = "heat", unit = "kW", installed = 3000 }
 
-[[zones]]
-id = "mkf"
-period = "10min"
-network = "ecolar-6r4c"
-levels = [0.9]
-seed = 4
-estimator = "mkf"
-estimator_options = { particles = 40, scenarios = 60 }
-[zones.channels]
-T_air = { source = "recording", column = "east", unit = "degC" }
-T_out = { source = "recording", column = "outside", unit = "degC" }
-T_adj = { source = "recording", column = "west", unit = "degC" }
-u_heat = { source = "recording", column = "heat", unit = "kW" }
+def tables() -> dict[str, Any]:
+    """The configuration."""
+    stamp = {"column": "time", "format": "iso8601", "zone": "UTC"}
+    zones = [
+        _zone("rbpf", 3, HEATED, levels=[0.95, 0.5], options={"particles": 80, "volatility_blocks": BLOCKS}),
+        _zone("mkf", 4, EAST, "ecolar-6r4c", [0.9], {"particles": 40, "scenarios": 60}),
+        _zone("bank", 5, HEATED, options={"members": MEMBERS}),
+        _zone("ekf", 6, WITH_WALL, TWO_SENSORS),
+        _zone("arx", 7, HEATED | {"T_i": "east"}),
+        _zone("waiting", None, HEATED | {"T_i": "never"}, estimator="ekf"),
+    ]
+    wanted = {"source": "recording", "column": "wanted", "unit": "degC"}
+    zones[0] |= {"setpoint": wanted}
+    zones[0]["channels"]["u_heat"]["installed"] = 3000
+    return {
+        "site": {"id": SITE, "state_dir": "state", "time_zone": "Europe/Berlin"},
+        "sources": {"recording": {"kind": "csv", "files": ["recording.csv"], "timestamp": stamp}},
+        "zones": zones,
+    }
 
-[[zones]]
-id = "bank"
-period = "10min"
-network = "titeth"
-levels = [0.95]
-seed = 5
-estimator = "bank"
-[zones.estimator_options.members]
-jump = { estimator = "mkf", particles = 30, scenarios = 30 }
-ekf = { estimator = "ekf" }
-arx = { estimator = "arx" }
-[zones.channels]
-T_i = { source = "recording", column = "west", unit = "degC" }
-T_out = { source = "recording", column = "outside", unit = "degC" }
-u_heat = { source = "recording", column = "heat", unit = "kW" }
 
-[[zones]]
-id = "ekf"
-period = "10min"
-levels = [0.95]
-seed = 6
-estimator = "ekf"
-[zones.network]
-name = "two-sensors"
-measured = ["T_i", "T_e"]
-boundaries = ["T_out"]
-[zones.network.capacitances]
-T_i = { lower = 1e5, upper = 1e8 }
-T_e = { lower = 1e6, upper = 1e9 }
-[[zones.network.conductances]]
-name = "g_ie"
-between = ["T_i", "T_e"]
-lower = 10
-upper = 1e4
-[[zones.network.conductances]]
-name = "g_e_out"
-between = ["T_e", "T_out"]
-lower = 5
-upper = 5e3
-[[zones.network.heat_inputs]]
-channel = "u_heat"
-node = "T_i"
-unit = "W"
-[zones.channels]
-T_i = { source = "recording", column = "west", unit = "degC" }
-T_e = { source = "recording", column = "wall", unit = "degC" }
-T_out = { source = "recording", column = "outside", unit = "degC" }
-u_heat = { source = "recording", column = "heat", unit = "kW" }
-
-[[zones]]
-id = "arx"
-period = "10min"
-network = "titeth"
-levels = [0.95]
-seed = 7
-estimator = "arx"
-[zones.channels]
-T_i = { source = "recording", column = "east", unit = "degC" }
-T_out = { source = "recording", column = "outside", unit = "degC" }
-u_heat = { source = "recording", column = "heat", unit = "kW" }
-
-[[zones]]
-id = "waiting"
-period = "10min"
-network = "titeth"
-levels = [0.95]
-estimator = "ekf"
-[zones.channels]
-T_i = { source = "recording", column = "never", unit = "degC" }
-T_out = { source = "recording", column = "outside", unit = "degC" }
-u_heat = { source = "recording", column = "heat", unit = "kW" }
-"""
+def _zone(
+    id: str,
+    seed: int | None,
+    columns: Mapping[str, str],
+    network: Any = "titeth",
+    levels: Sequence[float] = (0.95,),
+    options: Mapping[str, Any] | None = None,
+    estimator: str = "",
+) -> dict[str, Any]:
+    units = {"u_heat": "kW"}
+    channels = {
+        name: {"source": "recording", "column": column, "unit": units.get(name, "degC")}
+        for name, column in columns.items()
+    }
+    zone = {"id": id, "period": "10min", "network": network, "levels": list(levels), "estimator": estimator or id}
+    zone |= {"seed": seed} if seed is not None else {}
+    return zone | ({"estimator_options": options} if options else {}) | {"channels": channels}
 
 
 def rows() -> Iterator[tuple[int, str]]:
@@ -175,7 +127,7 @@ def written(folder: Path) -> Path:
     header = "time,west,east,wall,outside,heat,wanted,never"
     (folder / "recording.csv").write_text("\n".join([header, *times, ""]), encoding="utf-8")
     path = folder / "golden.toml"
-    path.write_text(CONFIG, encoding="utf-8")
+    path.write_text(tomli_w.dumps(tables()), encoding="utf-8")
     return path
 
 

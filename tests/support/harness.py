@@ -5,9 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
-import re
 import signal
-import socket
 import subprocess
 import sys
 import urllib.error
@@ -15,19 +13,16 @@ import urllib.request
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
+from support.processes import Program
+from support.processes import free_port as free_port
 from support.waiting import wait_until
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "deploy" / "examples"
+PACKAGES = ("estimator", "adapters", "service", "replay", "thermogate")
 SHARED = ROOT.parent / "shared" / "data"
 THERMOGATE = Path(sys.executable).with_name("thermogate")
 FLEXHOUSE = SHARED / "flexhouse_prbs1" / "inputPRBS1.csv"
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def thermogate(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -60,41 +55,20 @@ def ask(
             return error.code, json.load(error)
 
 
-class Daemon:
-    """`thermogate run` on a free port; a context manager that never leaves a process behind."""
+class Daemon(Program):
+    """`thermogate run` on a free port."""
 
     def __init__(self, config: Path, log: Path, settings: dict[str, object] | None = None, *options: str) -> None:
         chosen = {"http.port": 0, "zenoh.enabled": False} | (settings or {})
-        self._log = log
         self.key: str | None = None
         """An API key for `get`."""
-        command = [str(THERMOGATE), "run", str(config), *overrides(chosen), *options]
-        with log.open("w") as stream:
-            self.process = subprocess.Popen(
-                command, stdout=stream, stderr=stream, env=os.environ | {"PYTHONUNBUFFERED": "1"}
-            )
-
-    def __enter__(self) -> Daemon:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-            self.process.wait()
-
-    def log(self) -> str:
-        return self._log.read_text()
+        log.unlink(missing_ok=True)
+        command = [THERMOGATE, "run", config, *overrides(chosen), *options]
+        super().__init__(command, log, env=os.environ | {"PYTHONUNBUFFERED": "1"})
 
     def url(self) -> str:
         """The address it serves on, once it does."""
-
-        def serving() -> re.Match[str] | None:
-            said = self.log()
-            if (found := re.search(r"serving on (https?://\S+)", said)) is None:
-                assert self.process.poll() is None, said
-            return found
-
-        return wait_until(serving, self.log).group(1)
+        return self.says(r"serving on (https?://\S+)")[1]
 
     def get(self, path: str) -> tuple[int, dict]:
         """Status and JSON body of a GET."""
@@ -102,7 +76,8 @@ class Daemon:
 
     def text(self, path: str) -> str:
         """Body of a GET that is no JSON."""
-        with urllib.request.urlopen(self.url() + path, timeout=180) as answer:
+        headers = {"Authorization": f"Bearer {self.key}"} if self.key else {}
+        with urllib.request.urlopen(urllib.request.Request(self.url() + path, headers=headers), timeout=180) as answer:
             return answer.read().decode()
 
     def post(self, path: str, body: dict) -> tuple[int, dict]:
@@ -140,15 +115,6 @@ class Daemon:
                 return zones
             samples = sum(zone["samples"] for zone in zones.values())
 
-    def terminate(self, signum: int = signal.SIGTERM) -> int:
-        """Exit code after an orderly stop, which may take as long as on a very busy machine."""
-        self.process.send_signal(signum)
-        return self.process.wait(timeout=180)
-
-    def kill(self) -> None:
-        self.process.kill()
-        self.process.wait()
-
     def history(self, zone: str) -> list[dict]:
         """Every history row of a zone."""
         status, body = self.get(f"/zones/{zone}/history?limit=20000")
@@ -165,9 +131,4 @@ def reload(daemon: Daemon, expected: str, timeout: float = 240) -> None:
     """Send SIGHUP and wait until the log says `expected` once more."""
     before = daemon.log().count(expected)
     daemon.process.send_signal(signal.SIGHUP)
-
-    def again() -> bool:
-        assert daemon.process.poll() is None, daemon.log()
-        return daemon.log().count(expected) > before
-
-    wait_until(again, daemon.log, timeout)
+    daemon.wait_for(lambda: daemon.log().count(expected) > before, timeout)

@@ -6,17 +6,16 @@ import json
 import os
 import subprocess
 import sys
-import time
 import urllib.error
 import urllib.parse
 import urllib.request
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
-from support.harness import free_port
+from support.processes import Program, free_port
 from support.waiting import PATIENCE
 
 HOME = Path(os.environ.get("THERMOGATE_HOME_ASSISTANT", Path(sys.prefix) / "home-assistant"))
@@ -35,40 +34,40 @@ frontend:
 """
 
 
-class HomeAssistant:
+def clean() -> dict[str, str]:
+    """The environment without what is ours: it is another application, with another interpreter's packages."""
+    return {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "COVERAGE"))}
+
+
+class HomeAssistant(Program):
     """A running Home Assistant, whose owner is us."""
 
-    def __init__(self, folder: Path, settings: str) -> None:
+    def __init__(self, folder: Path, settings: str = "") -> None:
         """`settings` are added to its configuration.yaml."""
         if not (HOME / "installed").exists():
             pytest.skip("Home Assistant is not installed; make home-assistant installs it")
         port = free_port()
         self.url = f"http://127.0.0.1:{port}"
-        self._log = folder / "home-assistant.log.txt"
         self._token = ""
         folder.mkdir(exist_ok=True)
         (folder / "configuration.yaml").write_text(_SETTINGS.format(port=port) + settings, encoding="utf-8")
-        command = [str(HOME / "bin" / "hass"), "--skip-pip", "--config", str(folder)]
-        # It is another application, with another interpreter's packages.
-        clean = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "COVERAGE"))}
-        with self._log.open("w") as log:
-            self.process = subprocess.Popen(command, stdout=log, stderr=log, env=clean)
+        command = [HOME / "bin" / "hass", "--skip-pip", "--config", folder]
+        super().__init__(command, folder / "home-assistant.log.txt", env=clean())
 
-    def log(self) -> str:
-        return self._log.read_text(encoding="utf-8", errors="replace")
+    def __exit__(self, *_: object) -> None:
+        self.process.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            self.process.wait(timeout=60)
+        self.kill()
 
     def until(self, found: Callable[[], Any]) -> Any:
         """What `found` returns, as soon as that is true; whatever cannot be had yet is waited for."""
-        deadline = time.monotonic() + PATIENCE
-        while True:
-            try:
-                if result := found():
-                    return result
-            except (OSError, KeyError, ValueError):
-                pass
-            assert self.process.poll() is None, self.log()
-            assert time.monotonic() < deadline, self.log()
-            time.sleep(0.1)
+
+        def had() -> Any:
+            with suppress(OSError, KeyError, ValueError):
+                return found()
+
+        return self.wait_for(had)
 
     def ask(self, path: str, body: object = None, form: bool = False) -> Any:
         """The answer to a GET, or with `body` to a POST."""
@@ -118,17 +117,3 @@ class HomeAssistant:
     def call(self, domain: str, service: str, **data: object) -> None:
         """Call a service."""
         self.ask(f"/api/services/{domain}/{service}", data)
-
-
-@contextmanager
-def home_assistant(folder: Path, settings: str = "") -> Iterator[HomeAssistant]:
-    running = HomeAssistant(folder, settings)
-    try:
-        yield running
-    finally:
-        running.process.terminate()
-        try:
-            running.process.wait(timeout=60)
-        except subprocess.TimeoutExpired:
-            running.process.kill()
-            running.process.wait()

@@ -1,42 +1,37 @@
 """A real InfluxDB of a test's own."""
 
 import shutil
-import subprocess
-import time
 import urllib.error
 import urllib.parse
 import urllib.request
 from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
-from support.harness import free_port
-from support.waiting import PATIENCE
+from support.processes import Program, free_port
+from support.waiting import PATIENCE, wait_until
 
 
-def answered(process, url):
-    """Wait until there is an answer at `url`."""
-    deadline = time.monotonic() + PATIENCE
-    while True:
-        try:
-            with urllib.request.urlopen(url, timeout=PATIENCE):
-                return
-        except OSError as error:
-            if isinstance(error, urllib.error.HTTPError):
-                error.close()
-            assert process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.1)
+def answer(request):
+    """What is answered to a request or at an address; None while it is refused."""
+    try:
+        with urllib.request.urlopen(request, timeout=PATIENCE) as found:
+            return found.read().decode() or "empty"
+    except urllib.error.HTTPError as error:
+        error.close()
+    except OSError:
+        pass
+    return None
 
 
 @contextmanager
 def serving(command, url):
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        answered(process, url)
+    """A program, once there is an answer at `url`."""
+    with TemporaryDirectory() as folder, Program(command, Path(folder) / "log") as process:
+        process.wait_for(lambda: answer(url))
         yield
-    finally:
         process.terminate()
-        process.wait(timeout=PATIENCE)
 
 
 @contextmanager
@@ -72,14 +67,6 @@ def post(table, path, parameters, body=b""):
     """What the server says; asked again while it refuses: a busy one may not know at once a database it has made."""
     login = {"u": table["user"], "p": "test-only"}
     request = urllib.request.Request(f"{table['url']}{path}?{urllib.parse.urlencode(parameters | login)}", body)
-    deadline = time.monotonic() + PATIENCE
-    while True:
-        try:
-            with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
-                said = answer.read().decode()
-                assert "error" not in said, said
-                return said
-        except urllib.error.HTTPError as error:
-            error.close()
-            assert time.monotonic() < deadline
-            time.sleep(0.1)
+    said = wait_until(lambda: answer(request))
+    assert "error" not in said, said
+    return said

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from contextlib import asynccontextmanager
+import threading
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from pymodbus.constants import ExcCodes
@@ -13,6 +15,7 @@ from pymodbus.framer import FramerType
 from pymodbus.pdu import ModbusPDU
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
+from support import sites
 from support.sources import bound, source_table
 
 from replay.bms.modbus_server import shut_down
@@ -147,3 +150,48 @@ async def collect(source: object, enough: Callable[[list[object]], bool], second
             if enough(batches):
                 break
     return batches
+
+
+@contextmanager
+def running(site: Plant, port: int = 0) -> Iterator[Plant]:
+    """`site` served by a thread of its own."""
+    loop = asyncio.new_event_loop()
+    ready, stop = threading.Event(), asyncio.Event()
+
+    async def serve() -> None:
+        async with serving(site, port=port):
+            ready.set()
+            await stop.wait()
+
+    def work() -> None:
+        with asyncio.Runner(loop_factory=lambda: loop) as runner:
+            runner.run(serve())
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        assert ready.wait(180)
+        yield site
+    finally:
+        loop.call_soon_threadsafe(stop.set)
+        thread.join()
+
+
+WORDS = [215, 53, 400, 21]
+"""Tenths of the room and of the outdoor temperature, W, and another room."""
+
+
+def configuration(folder: Path, ports: Mapping[str, int]) -> Path:
+    """A daemon's, with a zone for the device at each of `ports`, which holds WORDS."""
+    quick = {"kind": "modbus", "host": "127.0.0.1", "poll": 0.2, "timeout": 30.0, "retries": 0, "fill_gaps": 0}
+    tenths = {"type": "int16", "scale": 0.1}
+    places = {
+        "T_i": {"register": 0, **tenths},
+        "T_out": {"register": 1, **tenths},
+        "u_heat": {"register": 2, "type": "uint16"},
+    }
+    return sites.written(
+        folder,
+        {name: quick | {"port": port, "first_register": 0} for name, port in ports.items()},
+        [sites.zone(f"zone-{name}", name, places, hold_inputs="20s", max_gap=40) for name in ports],
+    )

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.waiting import wait_until
+from support.processes import Program
 
 _SOCKET = ".s.PGSQL.5432"
 
@@ -42,21 +42,16 @@ class Server:
         self._postgres, initdb = program("postgres"), program("initdb")
         # pytest's own folders let nobody else in, and the server will not run as root.
         self.folder = Path(tempfile.mkdtemp(prefix="thermogate-pg-", dir="/tmp"))
+        self._log = self.folder / "log"
         self._as_owner = _as_owner(self.folder)
         self._settings = [f"fsync={'on' if fsync else 'off'}", "listen_addresses=", "shared_buffers=32MB", *settings]
-        self._process: subprocess.Popen[bytes] | None = None
+        self._running: Program | None = None
         self._starting = ThreadPoolExecutor(1)
         """The thread that starts it: it ends with that."""
         self.environment: dict[str, str] = {}
         """Added to that of the server."""
-        data = self.folder / "data"
-        done = subprocess.run(
-            [*self._as_owner, initdb, "-D", data, "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C", "-N"],
-            cwd=self.folder,
-            capture_output=True,
-            text=True,
-        )
-        assert done.returncode == 0, done.stderr
+        words = ["-D", str(self.folder / "data"), "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C", "-N"]
+        self._done(initdb, *words)
 
     @property
     def connection(self) -> str:
@@ -67,19 +62,13 @@ class Server:
         """Returns once it answers."""
         arguments = [argument for setting in self._settings for argument in ("-c", setting)]
         words = [*self._as_owner, self._postgres, "-D", self.folder / "data", "-k", self.folder, *arguments]
-        environment = os.environ | self.environment
-        with (self.folder / "log").open("ab") as log:
-            started = self._starting.submit(
-                subprocess.Popen, words, cwd=self.folder, env=environment, stdout=log, stderr=log
-            )
-            self._process = started.result()
-        wait_until(self._answers)
+        options = {"cwd": self.folder, "env": os.environ | self.environment}
+        self._running = self._starting.submit(Program, words, self._log, **options).result()
+        self._running.wait_for(self._answers)
 
     def _answers(self) -> bool:
         import psycopg
 
-        assert self._process is not None
-        assert self._process.poll() is None, self.log()
         try:
             psycopg.connect(self.connection).close()
         except psycopg.OperationalError:
@@ -87,15 +76,14 @@ class Server:
         return True
 
     def is_running(self) -> bool:
-        return self._process is not None
+        return self._running is not None
 
     def stop(self, sign: signal.Signals = signal.SIGINT) -> None:
         """End it: SIGINT disconnects everybody, SIGQUIT is as if the machine had failed."""
-        if self._process is not None:
+        if self._running is not None:
             with suppress(ProcessLookupError):
-                self._process.send_signal(sign)
-            self._process.wait()
-            self._process = None
+                self._running.terminate(sign)
+            self._running = None
 
     def run(self, *statements: str) -> list[tuple[Any, ...]]:
         """Run statements, each of its own; the rows of the last one."""
@@ -114,13 +102,15 @@ class Server:
 
     def command(self, name: str, *arguments: str) -> str:
         """Run one of PostgreSQL's programs as the owner of the server; what it prints."""
-        words = [*self._as_owner, program(name), "-h", str(self.folder), "-U", "postgres", *arguments]
-        done = subprocess.run(words, cwd=self.folder, capture_output=True, text=True)
+        return self._done(program(name), "-h", str(self.folder), "-U", "postgres", *arguments)
+
+    def _done(self, *words: str) -> str:
+        done = subprocess.run([*self._as_owner, *words], cwd=self.folder, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
     def log(self) -> str:
-        return (self.folder / "log").read_text(encoding="utf-8", errors="replace")
+        return self._log.read_text(encoding="utf-8", errors="replace")
 
     def remove(self) -> None:
         self.stop(signal.SIGQUIT)

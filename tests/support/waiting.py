@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 Found = TypeVar("Found")
@@ -32,3 +34,21 @@ def wait_until(done: Callable[[], Found], told: Callable[[], object] = lambda: "
         assert time.monotonic() < deadline, told()
         time.sleep(0.05)
     return found
+
+
+@contextmanager
+def repeated(act: Callable[[], object], seconds: float = 0.2) -> Iterator[None]:
+    """Do `act` over and over on a thread of its own, as long as the context lasts."""
+    ended = threading.Event()
+
+    def work() -> None:
+        while not ended.wait(seconds):
+            act()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()

@@ -1,6 +1,6 @@
 """The others on Zenoh, each a process of its own: a router, a gateway that publishes readings, one who forges things.
 
-python zenoh_parties.py ROLE SETTINGS      SETTINGS: JSON of Zenoh's keys; the word it prints first is its verdict
+python -m support.zenoh_parties ROLE SETTINGS      SETTINGS: JSON of Zenoh's keys; what it prints first is its verdict
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import zenoh
 import zenoh.ext
+from support.zenoh_plant import open_session
 
 ROUTER = Path(__file__).parents[2] / "deploy" / "zenoh" / "site-router.json5"
 TRUE = {"bms/T": "21", "bms/out": "5", "bms/heat": "400"}
@@ -24,27 +26,20 @@ FORGED = "forged"
 
 
 def opened(settings: dict[str, object], base: zenoh.Config | None = None) -> zenoh.Session:
-    config = base or zenoh.Config()
-    for key, value in {
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "timestamping/enabled": True,
-        "connect/timeout_ms": 60_000,
-        "connect/exit_on_failure": True,
-        **settings,
-    }.items():
-        config.insert_json5(key, json.dumps(value))
-    return zenoh.open(config)
+    """A session that waits for the others, or fails."""
+    patient = {"connect/timeout_ms": 60_000, "connect/exit_on_failure": True, "scouting/gossip/enabled": False}
+    return open_session(patient | settings, base)
+
+
+def cached(session: zenoh.Session, key: str) -> Any:
+    """A publisher with a cache, as a BMS has."""
+    cache = zenoh.ext.CacheConfig(max_samples=5)
+    return zenoh.ext.declare_advanced_publisher(session, key, cache=cache, publisher_detection=True)
 
 
 def gateway(session: zenoh.Session) -> None:
-    """Publish the readings, with a cache, as a BMS does."""
-    publishers = {
-        key: zenoh.ext.declare_advanced_publisher(
-            session, key, cache=zenoh.ext.CacheConfig(max_samples=5), publisher_detection=True
-        )
-        for key in TRUE
-    }
+    """Publish the readings."""
+    publishers = {key: cached(session, key) for key in TRUE}
     while True:
         for key, publisher in publishers.items():
             publisher.put(TRUE[key])
@@ -63,12 +58,7 @@ def forger(session: zenoh.Session) -> None:
         session.declare_queryable("thermogate/**", handler),
         session.declare_queryable("bms/**", handler),
         session.liveliness().declare_token("thermogate/plant/forged/alive"),
-        *(
-            zenoh.ext.declare_advanced_publisher(
-                session, key, cache=zenoh.ext.CacheConfig(max_samples=5), publisher_detection=True
-            )
-            for key in FALSE
-        ),
+        *(cached(session, key) for key in FALSE),
     ]
     while kept:
         for key, value in FALSE.items():
@@ -104,8 +94,8 @@ def main(role: str, settings: str) -> None:
 @contextmanager
 def party(role: str, settings: dict[str, object]) -> Iterator[str]:
     """A process in `role`, killed at the end; its verdict."""
-    command = [sys.executable, __file__, role, json.dumps(settings)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    command = [sys.executable, "-m", "support.zenoh_parties", role, json.dumps(settings)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1])
     assert process.stdout is not None
     try:
         yield process.stdout.readline().split(" ", 1)[0].strip()

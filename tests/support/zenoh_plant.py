@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
-import socket
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import zenoh
 import zenoh.ext
 from support.certificates import make_pair
-from support.harness import free_port
+from support.processes import free_port, listens
 from support.waiting import until
 
 from adapters.reading import Batch, Reading, Source
@@ -28,22 +27,22 @@ def endpoint(protocol: str = "tcp") -> str:
     return f"{protocol}/127.0.0.1:{free_port()}"
 
 
+def open_session(settings: Mapping[str, object], base: zenoh.Config | None = None) -> zenoh.Session:
+    """A session that finds nobody by itself, with Zenoh's keys in `settings`."""
+    config = base or zenoh.Config()
+    for key, value in {"scouting/multicast/enabled": False, "timestamping/enabled": True, **settings}.items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
+
+
 @contextmanager
 def session(
     mode: str = "peer", listen: str | None = None, connect: str | None = None, **settings: object
 ) -> Iterator[zenoh.Session]:
     """A session with the keys in `settings` ("/" written as "__")."""
-    config = zenoh.Config()
-    for key, value in {
-        "mode": mode,
-        "listen/endpoints": [listen] if listen else [],
-        "connect/endpoints": [connect] if connect else [],
-        "scouting/multicast/enabled": False,
-        "timestamping/enabled": True,
-        **{key.replace("__", "/"): value for key, value in settings.items()},
-    }.items():
-        config.insert_json5(key, json.dumps(value))
-    opened = zenoh.open(config)
+    places = {"listen/endpoints": [listen] if listen else [], "connect/endpoints": [connect] if connect else []}
+    others = {key.replace("__", "/"): value for key, value in settings.items()}
+    opened = open_session({"mode": mode, **places, **others})
     try:
         yield opened
     finally:
@@ -53,13 +52,7 @@ def session(
 
 async def opened(place: str) -> None:
     """Wait until a session listens at `place`, which is another's to open."""
-    host, port = place.split("/", 1)[1].rsplit(":", 1)
-
-    def listens() -> bool:
-        with socket.socket() as probe:
-            return probe.connect_ex((host, int(port))) == 0
-
-    await until(listens)
+    await until(lambda: listens(int(place.rpartition(":")[2])))
 
 
 def caching_publisher(session: zenoh.Session, key: str) -> Any:

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 from support.broker import Party, broker
-from support.live_modbus import running
-from support.modbus_plant import plant
+from support.modbus_plant import plant, running
 
 from adapters.reading import Probe
 from service.cli.commands.probe import probe_table

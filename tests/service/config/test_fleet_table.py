@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from support.campus import write_recording, write_site
+from support.campus import write_site
 
 from service.cli.main import main
 from service.config.load import load
@@ -16,8 +16,7 @@ DATABASE = "postgresql://thermogate@db.example/thermogate"
 
 
 def site(folder: Path) -> Path:
-    write_recording(folder / "recording.csv", 1, 3)
-    return write_site(folder, DATABASE, site="campus", count=1, shards=3, pace=60.0, lease=5.0, cpus=1.0)
+    return write_site(folder, DATABASE, site="campus", count=1, shards=3, pace=60.0, lease=5.0)
 
 
 def test_the_table_says_where_the_state_is(tmp_path: Path) -> None:

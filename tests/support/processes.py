@@ -1,0 +1,71 @@
+"""Programs in processes of their own, each with what it says in a file."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import subprocess
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Self
+
+from support.waiting import PATIENCE, Found, wait_until
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def listens(port: int) -> bool:
+    """Whether anybody accepts connections there."""
+    with socket.socket() as attempt:
+        return attempt.connect_ex(("127.0.0.1", port)) == 0
+
+
+class Program:
+    """A program that is started at once; a context manager that never leaves its process behind."""
+
+    def __init__(self, command: Sequence[object], log: Path, **options: Any) -> None:
+        """`options` are those of Popen."""
+        self._log = log
+        with log.open("a") as stream:
+            self.process = subprocess.Popen([*map(str, command)], stdout=stream, stderr=stream, **options)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process.poll() is None:
+            self.kill()
+
+    def log(self) -> str:
+        """What it has said."""
+        return self._log.read_text(encoding="utf-8", errors="replace")
+
+    def wait_for(self, found: Callable[[], Found], patience: float = PATIENCE) -> Found:
+        """What `found` returns, once that is true; fails if the program ends before."""
+
+        def found_yet() -> Found:
+            result = found()
+            assert result or self.process.poll() is None, self.log()
+            return result
+
+        return wait_until(found_yet, self.log, patience)
+
+    def says(self, pattern: str, patience: float = PATIENCE) -> re.Match[str]:
+        """Where its log matches, once it does."""
+        found = self.wait_for(lambda: re.search(pattern, self.log()), patience)
+        assert found is not None
+        return found
+
+    def terminate(self, sign: int = signal.SIGTERM) -> int:
+        """Exit code after an orderly stop, which may take as long as on a very busy machine."""
+        self.process.send_signal(sign)
+        return self.process.wait(PATIENCE)
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
