@@ -164,8 +164,7 @@ class Streams(Sink):
 
     def measures(self) -> list[Measure]:
         """What clients were too slow for; how many streams are open is counted where that is bounded."""
-        name = "thermogate_stream_events_overtaken"
-        return [Measure(name, "counter", "Events that slow clients missed", (), lambda: single(float(self.overtaken)))]
+        return [Measure.called("thermogate_stream_events_overtaken", lambda: single(float(self.overtaken)))]
 
     def close(self) -> None:
         """End all streams, for good."""

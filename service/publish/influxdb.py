@@ -146,20 +146,8 @@ class Writer(Sink):
     def measures(self) -> list[Measure]:
         """Whether the lines arrive, and what did not."""
         return [
-            Measure(
-                "thermogate_influxdb_connected",
-                "gauge",
-                "Whether the last lines for the database or file of [influxdb] arrived",
-                (),
-                lambda: single(float(bool(self._reached))),
-            ),
-            Measure(
-                "thermogate_influxdb_documents_dropped",
-                "counter",
-                "Documents that were dropped because the database was away for too long or refused them",
-                (),
-                lambda: single(float(self._dropped)),
-            ),
+            Measure.called("thermogate_influxdb_connected", lambda: single(float(bool(self._reached)))),
+            Measure.called("thermogate_influxdb_documents_dropped", lambda: single(float(self._dropped))),
         ]
 
     def close(self) -> None:

@@ -121,20 +121,8 @@ class Publisher(Sink):
     def measures(self) -> list[Measure]:
         """Whether the broker is there, and what it was too slow for."""
         return [
-            Measure(
-                "thermogate_mqtt_connected",
-                "gauge",
-                "Whether the daemon is connected to the broker that it publishes on",
-                (),
-                lambda: single(float(self._connected)),
-            ),
-            Measure(
-                "thermogate_mqtt_messages_overtaken",
-                "counter",
-                "Messages that a newer one replaced before the broker had taken them",
-                (),
-                lambda: single(float(self._overtaken)),
-            ),
+            Measure.called("thermogate_mqtt_connected", lambda: single(float(self._connected))),
+            Measure.called("thermogate_mqtt_messages_overtaken", lambda: single(float(self._overtaken))),
         ]
 
     def close(self) -> None:

@@ -28,7 +28,7 @@ from adapters.zenoh.connection import Mode, SessionConfig
 from adapters.zenoh.link import first_line, refusal, session_config
 from service.errors import ServiceError
 from service.publish.sinks import TOPICS, Announcement, Sink, SinkKind
-from service.records.measures import Measure, Rows, single
+from service.records.measures import Measure, single
 
 _POLL_SECONDS = 0.02
 _CLOSE_SECONDS = 1.0
@@ -172,11 +172,7 @@ class Publisher(Sink):
 
     def measures(self) -> list[Measure]:
         """How the session is connected."""
-
-        def peers() -> Rows:
-            return single(float(self.connected))
-
-        return [Measure("thermogate_zenoh_peers", "gauge", "Sessions that ours is connected to", (), peers)]
+        return [Measure.called("thermogate_zenoh_peers", lambda: single(float(self.connected)))]
 
     def await_subscriber(self, timeout: float) -> bool:
         """Wait at most `timeout` s until every zone's forecast has a subscriber; whether they have."""

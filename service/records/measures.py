@@ -6,7 +6,9 @@ An owner (the store, the sources, the zones) has a function `..._measures` that 
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
@@ -26,6 +28,15 @@ class Measure(NamedTuple):
     text: str
     labels: tuple[str, ...]
     read: Callable[[], Rows]
+
+    @classmethod
+    def called(cls, name: str, read: Callable[[], Rows]) -> Measure:
+        """The one that `measures.toml` describes under this name."""
+        kind, text, *labels = _DESCRIBED[name]
+        return cls(name, kind, text, tuple(labels), read)
+
+
+_DESCRIBED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
 def single(value: float) -> Rows:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 
 from fastapi import FastAPI
 
@@ -14,40 +15,18 @@ from service.web.server.server import HttpServer
 def http_measures(server: HttpServer, app: FastAPI) -> list[Measure]:
     """Connections, streams, answers and the certificate of `server`, which serves `app` of `create_app`."""
 
-    def streams() -> Rows:
-        return single(app.state.limiter.open(STREAMS))
-
     def expiry() -> Rows:
         return () if server.certificate is None else single(server.certificate.expires.timestamp())
 
     def counted(counts: Counter[str]) -> Rows:
         return [((label,), float(count)) for label, count in tuple(counts.items())]
 
-    return [
-        Measure("thermogate_http_connections", "gauge", "Open connections", (), lambda: single(server.connections)),
-        Measure("thermogate_http_streams", "gauge", "Open event streams", (), streams),
-        Measure(
-            "thermogate_http_answers", "counter", "Answers by status", ("status",), lambda: counted(app.state.answers)
-        ),
-        Measure(
-            "thermogate_http_malformed_posts",
-            "counter",
-            "Posted readings that could not be read, by kind",
-            ("kind",),
-            lambda: counted(app.state.malformed_posts),
-        ),
-        Measure(
-            "thermogate_http_cut_off",
-            "counter",
-            "Connections ended because of their client, by reason",
-            ("reason",),
-            lambda: counted(server.cut_off),
-        ),
-        Measure(
-            "thermogate_certificate_expiry_timestamp_seconds",
-            "gauge",
-            "When the certificate of REST ends, UTC seconds",
-            (),
-            expiry,
-        ),
-    ]
+    read: dict[str, Callable[[], Rows]] = {
+        "http_connections": lambda: single(server.connections),
+        "http_streams": lambda: single(app.state.limiter.open(STREAMS)),
+        "http_answers": lambda: counted(app.state.answers),
+        "http_malformed_posts": lambda: counted(app.state.malformed_posts),
+        "http_cut_off": lambda: counted(server.cut_off),
+        "certificate_expiry_timestamp_seconds": expiry,
+    }
+    return [Measure.called(f"thermogate_{name}", one) for name, one in read.items()]
