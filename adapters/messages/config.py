@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Self
 from zoneinfo import ZoneInfo
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from adapters.channel import LiveConfig, WatchedChannelConfig
 from adapters.fields.values import Count, Duration, PositiveDuration, Text, TimeZone, choice
@@ -35,6 +35,15 @@ def different(times: tuple[str, ...]) -> tuple[str, ...]:
     if len(set(times)) < len(times):
         raise ValueError(f"{shown(times)} names the same time twice")
     return times
+
+
+def times_of(*times: str) -> Any:
+    """The type of `times`: some of `times` in the order of preference."""
+    return Annotated[
+        tuple[Annotated[str, BeforeValidator(choice(*times))], ...],
+        AfterValidator(different),
+        Field(min_length=1, description=f"a list of {', '.join(times)} in the order of preference"),
+    ]
 
 
 Pointer = Annotated[str, BeforeValidator(pointer)]

@@ -12,9 +12,8 @@ from adapters.channel import Binding
 from adapters.messages.config import MessagesConfig
 from adapters.messages.dating import Dating
 from adapters.messages.inbox import Inbox, Incoming
-from adapters.messages.points import MessageChannel, MessageChannels, probed
-from adapters.messages.takings import Takings, pieces
-from adapters.reading import Batch, Probe
+from adapters.messages.points import REPEAT, MessageChannel, MessageChannels, probed
+from adapters.reading import Batch, Fault, Probe, Reading
 from adapters.watched import LiveSource
 
 TRANSIT = 1.0
@@ -26,6 +25,15 @@ QUIET = 60.0
 LOOK = 1.0
 """How long nothing is looked at but the inbox, at most, in s."""
 
+SLICE_SECONDS = 0.004
+"""How long the event loop is held before others have their turn; one sample at least is read in a turn."""
+
+TOGETHER_SECONDS = 0.1
+"""For how long readings are collected under a flood before they are delivered: every delivery concerns all zones."""
+
+MOST_TOGETHER = 500
+"""Readings that are delivered in a turn of the event loop, and from which on no more are collected."""
+
 _SHOWN = 5
 
 _log = logging.getLogger(__name__)
@@ -36,19 +44,16 @@ class SubscribedSource(LiveSource):
     `Inbox`, so that neither side ever waits for the other."""
 
     def __init__(
-        self, name: str, table: MessagesConfig, bindings: Sequence[Binding], dating: Dating, noun: str
+        self, name: str, table: MessagesConfig, bindings: Sequence[Binding], times: tuple[str, ...], noun: str
     ) -> None:
-        """`noun`: what the place is called that messages come on."""
+        """`times` as of a Dating; `noun`: what the place is called that messages come on."""
         super().__init__(name, bindings)
-        self._dating, self._noun = dating, noun
-        self._room, self._longest_stretch = table.queue, table.longest_stretch
-        self._channels = MessageChannels(name, bindings, dating, table.longest_stretch, noun)
-        self._takings = Takings(name, self._channels)
-
-    @property
-    def dropped(self) -> int:
+        self.dropped = 0
         """How many messages were dropped because they came faster than they could be taken."""
-        return self._takings.dropped
+        self._dating, self._noun = Dating(times, table.max_ahead), noun
+        self._room, self._longest_stretch = table.queue, table.longest_stretch
+        self._channels = MessageChannels(name, bindings, self._dating, table.longest_stretch, noun)
+        self._drop_said = float("-inf")
 
     def _begin(self) -> Inbox:
         """The channels as they are listed now, with nothing heard yet, and an empty inbox for them."""
@@ -70,21 +75,43 @@ class SubscribedSource(LiveSource):
         return Batch([], time.time() - TRANSIT)
 
     async def _taken(self, inbox: Inbox) -> AsyncIterator[Batch]:
-        """What comes within LOOK s."""
+        """What comes within LOOK s, in pieces: a single message may hold thousands of readings."""
         if await inbox.wait(LOOK):
-            for readings in pieces(await self._takings.readings(inbox)):
-                yield Batch(readings, time.time() - TRANSIT)
+            readings = await self._readings(inbox)
+            for first in range(0, max(len(readings), 1), MOST_TOGETHER):
+                yield Batch(readings[first : first + MOST_TOGETHER], time.time() - TRANSIT)
                 # A flood must leave the loop to others as well.
                 await asyncio.sleep(0)
 
+    async def _readings(self, inbox: Inbox) -> list[Reading]:
+        """The readings of what waits in `inbox`, as far as they go together, with a bad one for every occasion on which
+        samples were dropped."""
+        readings: list[Reading] = []
+        turn = begun = time.monotonic()
+        for key, incoming, dropped in inbox.waiting():
+            if dropped:
+                self._note_drop(key, dropped)
+                readings += self._channels.bad(key, Fault.OVERRUN)
+            readings += self._channels.came(key, [incoming])
+            now = time.monotonic()
+            if len(readings) >= MOST_TOGETHER or now - begun >= TOGETHER_SECONDS:
+                break
+            if now - turn >= SLICE_SECONDS:
+                await asyncio.sleep(0)
+                turn = time.monotonic()
+        return readings
+
+    def _note_drop(self, key: str, count: int) -> None:
+        self.dropped += count
+        if time.monotonic() >= self._drop_said:
+            self._drop_said = time.monotonic() + REPEAT
+            say = "sources.%s: samples of %s come faster than they can be taken; the %d oldest were dropped, %d of this"
+            _log.warning(f"{say} source so far", self.name, key, count, self.dropped)
+
     def _note_quiet(self) -> None:
         for channel in self._channels.unheard():
-            _log.warning(
-                "sources.%s: nothing has come for %s so far; check its %s with thermogate probe",
-                self.name,
-                channel,
-                self._noun,
-            )
+            say = "sources.%s: nothing has come for %s so far; check its %s with thermogate probe"
+            _log.warning(say, self.name, channel, self._noun)
 
     def _asked_for(self) -> list[MessageChannel]:
         """The channels that are listed, for one look at each."""

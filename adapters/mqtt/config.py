@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from adapters.fields.values import Duration, Text, choice, context, whole
-from adapters.messages.config import MessageChannelConfig, MessagesConfig, different
-from adapters.messages.dating import Dating
+from adapters.fields.values import Duration, Text, context, whole
+from adapters.messages.config import MessageChannelConfig, MessagesConfig, times_of
 from adapters.mqtt.broker import BrokerConfig, Topic
 
 TIMES = ("payload", "arrival")
@@ -42,9 +41,7 @@ class MqttSourceConfig(BrokerConfig, MessagesConfig):
         default=None, description="quality of service; none: 1 for payloads with a time, else 0"
     )
     status_topic: Topic | None = Field(default=None, description="topic of `online` and, as last will, `offline`")
-    times: Annotated[tuple[Annotated[str, BeforeValidator(choice(*TIMES))], ...], AfterValidator(different)] = Field(
-        default=TIMES, min_length=1, description=f"a list of {', '.join(TIMES)} in the order of preference"
-    )
+    times: times_of(*TIMES) = TIMES  # type: ignore[valid-type]
 
     @model_validator(mode="before")
     @classmethod
@@ -58,8 +55,3 @@ class MqttSourceConfig(BrokerConfig, MessagesConfig):
     def described(self) -> str:
         """What it reads, for the summary of a check."""
         return f"{self.place}, MQTT {self.version}"
-
-    @property
-    def dating(self) -> Dating:
-        """How readings are dated."""
-        return Dating(self.times, self.max_ahead)

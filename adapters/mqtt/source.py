@@ -37,7 +37,7 @@ class MqttSource(SubscribedSource):
     SourceUnavailable, and is to be called again."""
 
     def __init__(self, name: str, table: MqttSourceConfig, bindings: Sequence[Binding]) -> None:
-        super().__init__(name, table, bindings, table.dating, "topic")
+        super().__init__(name, table, bindings, table.times, "topic")
         self._table: MqttSourceConfig = table.called(f"thermogate-{name}")
 
     def check(self) -> list[str]:

@@ -45,7 +45,8 @@ class HeardForecasts:
 
         try:
             await self.close()
-            self._link = link = await ZenohLink.open(self._session, collecting((ANYBODY,), relaying=False))
+            self._link = link = ZenohLink(self._session, collecting((ANYBODY,), relaying=False))
+            await link.open()
             link.subscribe(self._key, heard, last=True)
             link.ask(self._key, heard, 5.0)
             while True:

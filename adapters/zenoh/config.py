@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from adapters.fields.values import Duration, Text, choice
-from adapters.messages.config import MessageChannelConfig, MessagesConfig, different
-from adapters.messages.dating import TIMES, Dating
+from adapters.fields.values import Duration, Text
+from adapters.messages.config import MessageChannelConfig, MessagesConfig, times_of
+from adapters.messages.dating import TIMES
 from adapters.zenoh.access import ANYBODY, collecting
 from adapters.zenoh.connection import Mode, SessionConfig
 
@@ -36,9 +36,7 @@ class ZenohSourceConfig(SessionConfig, MessagesConfig):
     writers: tuple[Text, ...] | None = Field(
         default=None, min_length=1, description='a list of user names and common names, such as ["bms-gateway"]'
     )
-    times: Annotated[tuple[Annotated[str, BeforeValidator(choice(*TIMES))], ...], AfterValidator(different)] = Field(
-        default=TIMES, min_length=1, description=f"a list of {', '.join(TIMES)} in the order of preference"
-    )
+    times: times_of(*TIMES) = TIMES  # type: ignore[valid-type]
     recover: Duration = Field(default=0.0, description="age of missed samples asked of publishers that keep a cache")
 
     @model_validator(mode="after")
@@ -80,11 +78,6 @@ class ZenohSourceConfig(SessionConfig, MessagesConfig):
     def access(self) -> dict[str, object]:
         """The access control by which `writers`, or whom we connect to, may tell us something."""
         return collecting(self.writers or (ANYBODY,), relaying=bool(self.listen))
-
-    @property
-    def dating(self) -> Dating:
-        """How readings are dated."""
-        return Dating(self.times, self.max_ahead)
 
     @property
     def described(self) -> str:

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any
 
 import zenoh
 import zenoh.ext
@@ -23,28 +23,23 @@ _CLOSE_SECONDS = 1.0
 OnSample = Callable[[Incoming], None]
 
 
-class _Subscription(Protocol):
-    def undeclare(self) -> None: ...
-
-
 class ZenohLink:
-    """An open session with its subscriptions."""
+    """A session with its subscriptions, with `access` as its access control."""
 
-    def __init__(self, session: zenoh.Session) -> None:
-        self._session = session
-        self._subscriptions: dict[str, _Subscription] = {}
+    def __init__(self, table: SessionConfig, access: Mapping[str, object]) -> None:
+        self._table, self._access = table, access
+        self._session: Any = None
+        self._subscriptions: dict[str, Any] = {}
 
-    @classmethod
-    async def open(cls, table: SessionConfig, access: Mapping[str, object]) -> ZenohLink:
-        """Open the session, with `access` as its access control. Raises SourceConfigError for what the settings have
-        wrong, and SourceUnavailable if nobody answers within the timeout (mode "client") or an address is taken."""
-        config = session_config(table, access)
+    async def open(self) -> None:
+        """Open the session. Raises SourceConfigError for what the settings have wrong, and SourceUnavailable if nobody
+        answers within the timeout (mode "client") or an address is taken."""
+        config = session_config(self._table, self._access)
         try:
-            session = await _in_thread(lambda: zenoh.open(config), lambda late: late.close())
+            self._session = await _in_thread(lambda: zenoh.open(config), lambda late: late.close())
         except zenoh.ZError as error:
             text = first_line(error)
-            raise SourceUnavailable(await _in_thread(lambda: _why(table, text))) from error
-        return cls(session)
+            raise SourceUnavailable(await _in_thread(lambda: _why(self._table, text))) from error
 
     def subscribe(self, key: str, on_sample: OnSample, recover: float = 0.0, last: bool = False) -> None:
         """Call `on_sample`, in Zenoh's threads, for every sample on `key`; one subscription for each key.
@@ -100,7 +95,9 @@ class ZenohLink:
             return False
 
     async def close(self) -> None:
-        """Close the session; gives up after a second rather than hang."""
+        """Close the session, if it was open; gives up after a second rather than hang."""
+        if self._session is None:
+            return
         with suppress(TimeoutError):
             async with asyncio.timeout(_CLOSE_SECONDS):
                 await _in_thread(self._undeclare)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
 from functools import partial
 
 from adapters.channel import Binding
-from adapters.errors import SourceConfigError, SourceUnavailable, said_of
+from adapters.errors import SourceUnavailable
 from adapters.messages.inbox import Inbox, Incoming
 from adapters.messages.subscribed import LOOK, QUIET, SubscribedSource
 from adapters.reading import Batch, Probe
@@ -31,7 +30,7 @@ class ZenohSource(SubscribedSource):
     """
 
     def __init__(self, name: str, table: ZenohSourceConfig, bindings: Sequence[Binding]) -> None:
-        super().__init__(name, table, bindings, table.dating, "key")
+        super().__init__(name, table, bindings, table.times, "key")
         self._table = table
 
     def check(self) -> list[str]:
@@ -47,7 +46,7 @@ class ZenohSource(SubscribedSource):
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """What is published, for ever. `start` is of no concern. Raises SourceUnavailable and SourceConfigError."""
         inbox = self._begin()
-        async with self._open() as link:
+        async with self._opened(self._made) as link:
             for key in self._channels.points:
                 link.subscribe(key, partial(inbox.put, key), self._table.recover)
             watch = _Watch(self.name, self._table)
@@ -78,7 +77,7 @@ class ZenohSource(SubscribedSource):
         inbox = Inbox([*keys, *around], self._room)
         came: dict[str, list[Incoming]] = {key: [] for key in keys}
         heard: dict[str, str] = {}
-        async with self._open() as link:
+        async with self._opened(self._made) as link:
             for key in around:
                 link.subscribe(key, partial(inbox.put, key))
             for key in keys:
@@ -95,16 +94,8 @@ class ZenohSource(SubscribedSource):
         nothing = f"nothing came within {seconds:g} s, and nobody answers a query; check key, and that it is published"
         return [self._probed(channel, came[channel.point], heard, nothing) for channel in channels]
 
-    @asynccontextmanager
-    async def _open(self) -> AsyncIterator[ZenohLink]:
-        for problem in self.check():
-            raise SourceConfigError(problem)
-        with said_of(self.name):
-            self._link = link = await ZenohLink.open(self._table, self._table.access)
-            try:
-                yield link
-            finally:
-                await link.close()
+    def _made(self) -> ZenohLink:
+        return ZenohLink(self._table, self._table.access)
 
 
 class _Watch:

@@ -9,11 +9,11 @@ import pytest
 from support.sources import bound, source_table
 
 from adapters.messages import inbox as module
-from adapters.messages import takings
+from adapters.messages import subscribed
 from adapters.messages.dating import Dating
 from adapters.messages.inbox import LONGEST_PAYLOAD, MOST_BYTES, MOST_BYTES_OF_ONE, Inbox, Incoming
 from adapters.messages.points import MessageChannels
-from adapters.messages.takings import Takings
+from adapters.messages.subscribed import SubscribedSource
 from adapters.payload import senml
 
 NOW = 1_772_000_000.0
@@ -98,15 +98,15 @@ def test_a_message_is_parsed_once_for_all_channels_that_read_it(monkeypatch: pyt
 def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered_meanwhile(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(takings, "SLICE_SECONDS", 0.0)
-    monkeypatch.setattr(takings, "TOGETHER_SECONDS", float("inf"))
-    monkeypatch.setattr(takings, "MOST_TOGETHER", 100)
+    monkeypatch.setattr(subscribed, "SLICE_SECONDS", 0.0)
+    monkeypatch.setattr(subscribed, "TOGETHER_SECONDS", float("inf"))
+    monkeypatch.setattr(subscribed, "MOST_TOGETHER", 100)
 
     async def run() -> None:
         inbox = Inbox(["k"], 1000)
         for _ in range(250):
             inbox.put("k", came("k"))
-        taking = Takings("bms", MessageChannels("bms", [bound(TABLE, "room/T", key="k")], Dating(("arrival",)), 900.0))
+        source = SubscribedSource("bms", TABLE, [bound(TABLE, "room/T", key="k")], TABLE.times, "key")
         turns = 0
 
         async def other() -> None:
@@ -116,7 +116,7 @@ def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered_meanw
                 await asyncio.sleep(0)
 
         beside = asyncio.create_task(other())
-        assert [len(await taking.readings(inbox)) for _ in range(4)] == [100, 100, 50, 0]
+        assert [len(await source._readings(inbox)) for _ in range(4)] == [100, 100, 50, 0]
         beside.cancel()
         assert turns >= 240
 
@@ -125,10 +125,14 @@ def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered_meanw
 
 def test_the_readings_of_one_message_are_delivered_in_pieces() -> None:
     payload = json.dumps([{"n": "T", "v": 20}] * 1800).encode()
-    channels = MessageChannels("bms", [bound(TABLE, "room/T", key="k", format="senml")], Dating(("arrival",)), 900.0)
-    found = list(channels.came("k", [came("k", payload)]))
-    assert [len(piece) for piece in takings.pieces(found)] == [500, 500, 500, 300]
-    assert [list(piece) for piece in takings.pieces([])] == [[]]
+    source = SubscribedSource("bms", TABLE, [bound(TABLE, "room/T", key="k", format="senml")], TABLE.times, "key")
+
+    async def run() -> list[int]:
+        inbox = Inbox(["k"], 1000)
+        inbox.put("k", came("k", payload))
+        return [len(batch.readings) async for batch in source._taken(inbox)]
+
+    assert asyncio.run(run()) == [500, 500, 500, 300]
 
 
 def test_the_longest_payload_fits() -> None:
