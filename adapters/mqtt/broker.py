@@ -65,8 +65,8 @@ class BrokerConfig(LoginConfig):
 
     def problems(self) -> Iterator[str]:
         """What is wrong with the files it names, or missing on this machine, one sentence each."""
-        if find_spec("aiomqtt") is None:
-            yield "MQTT needs the package aiomqtt; install it with pip install 'thermogate[mqtt]'"
+        if find_spec("paho") is None:
+            yield "MQTT needs the package paho-mqtt; install it with pip install 'thermogate[mqtt]'"
         yield from super().problems()
         if self.tls is not None:
             yield from self.tls.problems()

@@ -6,23 +6,23 @@ import asyncio
 import logging
 import ssl
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager, suppress
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
-from adapters.cancelling import cancellable
+from adapters.cancelling import in_thread
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
 from adapters.mqtt.broker import BrokerConfig
 
 OnMessage = Callable[[Incoming], None]
-Result = TypeVar("Result")
 
 IN_FLIGHT = 100
 """Messages that wait for the broker's word at a time, at most."""
 
 _TOPICS_AT_ONCE = 100
 _DENIED = 128
+_CLOSE_SECONDS = 1.0
 
 _log = logging.getLogger(__name__)
 
@@ -35,51 +35,154 @@ class Will(NamedTuple):
 
 
 class Client:
-    """An open connection. Every method raises SourceUnavailable where it is lost."""
+    """A connection, which a thread of the library carries; made inside the event loop that uses it. Every method raises
+    SourceUnavailable where it is lost."""
 
-    def __init__(self, client: Any, broker: BrokerConfig) -> None:
-        self._client, self._broker = client, broker
+    def __init__(self, broker: BrokerConfig, on_message: OnMessage | None, session: float, will: Will | None) -> None:
+        self._broker, self._session = broker, session
+        self._loop = asyncio.get_running_loop()
+        self._failure: SourceUnavailable | None = None
+        self._reason: object = None
+        """Why the connection is lost."""
+        self._ended = asyncio.Event()
+        self._answers: dict[int | None, asyncio.Future[Any]] = {}
+        """What the broker is waited for to say, by the number of the message; None: that it takes us."""
+        self._library = library = _library(lambda error: self._tell(self._end, error))(broker, session)
+        user, secret = broker.credentials()
+        if user is not None:
+            library.username_pw_set(user, secret)
+        if (context := broker.context()) is not None:
+            library.tls_set_context(context)
+        if will is not None:
+            library.will_set(will.topic, will.payload, qos=1, retain=True)
+        library.connect_timeout = broker.timeout
+        library.max_inflight_messages_set(IN_FLIGHT)
+        library.on_connect = lambda client, data, flags, code, properties: self._tell(self._settle, None, code)
+        library.on_disconnect = lambda client, data, flags, code, properties: self._tell(self._end, code)
+        library.on_publish = lambda client, data, mid, code, properties: self._tell(self._settle, mid, code)
+        library.on_subscribe = lambda client, data, mid, codes, properties: self._tell(self._settle, mid, codes)
+        library.on_unsubscribe = library.on_subscribe
+
+        def came(client: object, data: object, message: Any) -> None:
+            # A topic that is no text is nobody's.
+            with suppress(UnicodeDecodeError):
+                if on_message is not None:
+                    on_message(_incoming(message))
+
+        library.on_message = came
+
+    async def open(self) -> None:
+        """Connect. Raises SourceUnavailable."""
+        broker, settings = self._broker, {}
+        if broker.version == "5":
+            from paho.mqtt.packettypes import PacketTypes
+            from paho.mqtt.properties import Properties
+
+            properties = Properties(PacketTypes.CONNECT)
+            properties.SessionExpiryInterval = int(self._session)
+            settings = {"clean_start": not self._session, "properties": properties}
+        self._answers[None] = self._loop.create_future()
+
+        def connect() -> None:
+            self._library.connect(broker.host or "", broker.tcp_port, max(1, int(broker.keepalive)), **settings)
+            self._library.loop_start()
+
+        try:
+            # The thread that connects cannot be called off: what it opens for nobody is closed.
+            await in_thread(connect, lambda _: self._shut())
+            code = await self._answer(None)
+        except (SourceUnavailable, OSError, ValueError) as error:
+            reason = self._reason or error.__cause__ or error
+            raise SourceUnavailable(_silent(broker, reason)) from error
+        if code.is_failure:
+            raise SourceUnavailable(
+                f"{broker.place} refuses this client ({code}); check user and password, client_id, and whether the "
+                f"broker speaks MQTT {broker.version}"
+            )
 
     async def subscribe(self, topics: Mapping[str, int]) -> None:
         """Subscribe to `topics`, each with its quality of service; one that the broker refuses is said in the log."""
         listed = list(topics.items())
         for first in range(0, len(listed), _TOPICS_AT_ONCE):
             asked = listed[first : first + _TOPICS_AT_ONCE]
-            for (topic, _), granted in zip(asked, await self._translated(self._client.subscribe(asked)), strict=False):
-                code = getattr(granted, "value", granted)
-                if code >= _DENIED:
-                    _log.warning(
-                        "%s refuses the topic %s (%s); check the access rules of the broker",
-                        self._broker.place,
-                        topic,
-                        granted,
-                    )
+            for (topic, _), granted in zip(asked, await self._sent(self._library.subscribe(asked)), strict=False):
+                if granted.value >= _DENIED:
+                    say = "%s refuses the topic %s (%s); check the access rules of the broker"
+                    _log.warning(say, self._broker.place, topic, granted)
 
     async def unsubscribe(self, topics: Iterable[str]) -> None:
         """Give the subscriptions to `topics` up."""
         if listed := list(topics):
-            await self._translated(self._client.unsubscribe(listed))
+            await self._sent(self._library.unsubscribe(listed))
 
     async def publish(self, topic: str, payload: bytes) -> None:
         """Publish, retained and at least once; returns when the broker has it."""
-        await self._translated(self._client.publish(topic, payload, qos=1, retain=True))
+        await self._sent(self._library.publish(topic, payload, qos=1, retain=True))
+
+    def check(self) -> None:
+        """Raise why the connection is lost, if it is."""
+        if self._failure is not None:
+            raise self._failure
 
     async def lost(self) -> None:
         """Wait until the connection is lost, and raise SourceUnavailable."""
+        await self._ended.wait()
+        self.check()
 
-        async def listen() -> None:
-            async for _ in self._client.messages:
-                raise AssertionError("messages go another way")
+    async def close(self) -> None:
+        """Disconnect; gives up after a second rather than hang."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_CLOSE_SECONDS):
+                await in_thread(self._shut)
 
-        await self._translated(listen())
+    async def _sent(self, sent: Any) -> Any:
+        """What the broker answers to what was `sent`: the library's code for it, and its number."""
+        code, mid = sent
+        self.check()
+        if code:
+            raise SourceUnavailable(self._lost("it takes nothing"))
+        # What the thread is told comes here in a later turn of the loop.
+        self._answers[mid] = self._loop.create_future()
+        return await self._answer(mid)
 
-    async def _translated(self, work: Awaitable[Result]) -> Result:
-        import aiomqtt
-
+    async def _answer(self, mid: int | None) -> Any:
         try:
-            return await cancellable(work)
-        except aiomqtt.MqttError as error:
-            raise SourceUnavailable(_lost(self._broker, error)) from error
+            async with asyncio.timeout(self._broker.timeout):
+                return await self._answers[mid]
+        except TimeoutError:
+            self._reason = self._reason or f"no answer within {self._broker.timeout:g} s"
+            raise SourceUnavailable(self._lost(self._reason)) from None
+        finally:
+            self._answers.pop(mid, None)
+
+    def _tell(self, action: Callable[..., None], *arguments: object) -> None:
+        # Where the loop is gone, so is whoever wants to know.
+        with suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(action, *arguments)
+
+    def _settle(self, mid: int | None, said: object) -> None:
+        answer = self._answers.get(mid)
+        if answer is not None and not answer.done():
+            answer.set_result(said)
+
+    def _end(self, reason: object) -> None:
+        if self._failure is not None:
+            return
+        self._reason, self._failure = reason, SourceUnavailable(self._lost(reason))
+        self._ended.set()
+        for answer in self._answers.values():
+            if not answer.done():
+                answer.set_exception(self._failure)
+
+    def _lost(self, reason: object) -> str:
+        return (
+            f"the connection to {self._broker.place} is lost ({reason}); check that the broker is on, and that no "
+            f'other client has the client_id "{self._broker.client_id}"'
+        )
+
+    def _shut(self) -> None:
+        self._library.disconnect()
+        self._library.loop_stop()
 
 
 @asynccontextmanager
@@ -88,70 +191,46 @@ async def connected(
 ) -> AsyncIterator[Client]:
     """A connection to `broker` for as long as the context lasts.
 
-    `on_message` is called for every message, in the event loop of the caller, and must not wait. The broker keeps the
+    `on_message` is called for every message, in a thread of the library, and must not wait. The broker keeps the
     subscriptions, and what comes on them meanwhile, for `session` s after the connection is lost. Raises
     SourceUnavailable and SourceConfigError.
     """
     for problem in broker.problems():
         raise SourceConfigError(problem)
-    import aiomqtt
-    from paho.mqtt.packettypes import PacketTypes
-    from paho.mqtt.properties import Properties
-
-    user, secret = broker.credentials()
-    settings: dict[str, Any] = {}
-    if broker.version == "5":
-        properties = Properties(PacketTypes.CONNECT)
-        properties.SessionExpiryInterval = int(session)
-        settings = {"clean_start": not session, "properties": properties}
-    else:
-        settings = {"clean_session": not session}
-    client = aiomqtt.Client(
-        broker.host or "",
-        broker.tcp_port,
-        username=user,
-        password=secret,
-        identifier=broker.client_id,
-        protocol=aiomqtt.ProtocolVersion.V5 if broker.version == "5" else aiomqtt.ProtocolVersion.V311,
-        will=None if will is None else aiomqtt.Will(will.topic, will.payload, qos=1, retain=True),
-        timeout=broker.timeout,
-        keepalive=max(1, int(broker.keepalive)),
-        queue_type=_passing_on(on_message),
-        max_inflight_messages=IN_FLIGHT,
-        tls_context=broker.context(),
-        **settings,
-    )
-    # Its warning about them is for those who wait for each message in turn.
-    client.pending_calls_threshold = 2 * IN_FLIGHT
-    connecting = asyncio.create_task(client.__aenter__())
+    client = Client(broker, on_message, session, will)
     try:
-        await asyncio.shield(connecting)
-    except (aiomqtt.MqttError, OSError, ValueError) as error:
-        _shut(client)
-        raise SourceUnavailable(_refused(broker, error)) from error
-    except asyncio.CancelledError:
-        # The thread that connects cannot be called off, and nobody would close the socket that it opens.
-        await asyncio.gather(connecting, return_exceptions=True)
-        _shut(client)
-        raise
-    try:
-        yield Client(client, broker)
+        await client.open()
+        yield client
     finally:
-        # Whoever leaves because the connection is lost knows that already.
-        with suppress(aiomqtt.MqttError, OSError):
-            await client.__aexit__(None, None, None)
-        _shut(client)
+        await client.close()
 
 
-def _passing_on(on_message: OnMessage | None) -> Any:
-    """A queue that keeps nothing: what is put there goes on at once, which costs a flood no task for each message."""
+def _library(ended: Callable[[object], None]) -> Any:
+    """What makes a client of the library, whose thread calls `ended` when it ends, whatever it stumbled over."""
+    import paho.mqtt.client as paho
 
-    class PassingOn(asyncio.Queue[Any]):
-        def put_nowait(self, message: Any) -> None:
-            if on_message is not None:
-                on_message(_incoming(message))
+    class Library(paho.Client):
+        def __init__(self, broker: BrokerConfig, session: float) -> None:
+            new = broker.version == "5"
+            super().__init__(
+                paho.CallbackAPIVersion.VERSION2,
+                broker.client_id or "",
+                clean_session=None if new else not session,
+                protocol=paho.MQTTv5 if new else paho.MQTTv311,
+                reconnect_on_failure=False,
+            )
 
-    return PassingOn
+        def loop_forever(self, *arguments: Any, **settings: Any) -> Any:
+            reason: object = "it has ended"
+            try:
+                return super().loop_forever(*arguments, **settings)
+            except Exception as error:
+                reason = error
+                return paho.MQTT_ERR_UNKNOWN
+            finally:
+                ended(reason)
+
+    return Library
 
 
 def _incoming(message: Any) -> Incoming:
@@ -161,48 +240,12 @@ def _incoming(message: Any) -> Incoming:
     return Incoming(str(message.topic), fits, size, None, time.time(), bool(message.retain))
 
 
-def _code(error: Exception) -> int | None:
-    code = getattr(error, "rc", None)
-    value = getattr(code, "value", code)
-    return value if isinstance(value, int) else None
-
-
-def _said(error: Exception) -> str:
-    """What the library says, without its numbers."""
-    code = getattr(error, "rc", None)
-    if code is not None and not isinstance(code, int):
-        return str(code)
-    return str(error).partition("] ")[2] or str(error)
-
-
-def _refused(broker: BrokerConfig, error: Exception) -> str:
+def _silent(broker: BrokerConfig, error: object) -> str:
     """Why there is no connection, and the remedy."""
-    if isinstance(error, ssl.SSLError) or isinstance(error.__context__, ssl.SSLError):
+    said = str(error).partition("] ")[2] or str(error)
+    if isinstance(error, ssl.SSLError):
         return (
-            f"{broker.place} does not agree on TLS ({_said(error)}); check tls.ca, the broker's certificate and the "
-            "name in it, and that the port speaks TLS"
+            f"{broker.place} does not agree on TLS ({said}); check tls.ca, the broker's certificate and the name in "
+            "it, and that the port speaks TLS"
         )
-    if _code(error) is not None:
-        return (
-            f"{broker.place} refuses this client ({_said(error)}); check user and password, client_id, and whether the "
-            f"broker speaks MQTT {broker.version}"
-        )
-    return f"no MQTT broker answers at {broker.place} ({_said(error)}); check that it is on, host, port and tls"
-
-
-def _lost(broker: BrokerConfig, error: Exception) -> str:
-    cause = error.__cause__ if isinstance(error.__cause__, Exception) else error
-    return (
-        f"the connection to {broker.place} is lost ({_said(cause)}); check that the broker is on, and that no other "
-        f'client has the client_id "{broker.client_id}"'
-    )
-
-
-def _shut(client: Any) -> None:
-    """Close the socket, which the library leaves open where a connection is refused or lost, in the loop too."""
-    socket = client._client.socket()
-    if socket is not None and socket.fileno() >= 0:
-        loop = asyncio.get_running_loop()
-        loop.remove_reader(socket)
-        loop.remove_writer(socket)
-        socket.close()
+    return f"no MQTT broker answers at {broker.place} ({said}); check that it is on, host, port and tls"

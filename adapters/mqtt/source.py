@@ -6,16 +6,13 @@ import asyncio
 import logging
 import secrets
 import time
-from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager
-from functools import partial
-from typing import Any
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager
 
 from adapters.channel import Binding
-from adapters.errors import SourceUnavailable
+from adapters.errors import SourceUnavailable, said_of
 from adapters.messages.inbox import MOST_BYTES, Inbox, Incoming
 from adapters.messages.subscribed import LOOK, QUIET, SubscribedSource
-from adapters.mqtt.background import Background
 from adapters.mqtt.broker import BrokerConfig
 from adapters.mqtt.client import Client, Will, connected
 from adapters.mqtt.config import MqttSourceConfig
@@ -58,7 +55,8 @@ class MqttSource(SubscribedSource):
                 if self._rebound:
                     more, less = self._change(inbox)
                     topics = self._topics()
-                    link.change({topic: topics[topic] for topic in more}, set(less))
+                    await link.subscribe({topic: topics[topic] for topic in more})
+                    await link.unsubscribe(less)
                 if time.monotonic() >= quiet_at:
                     quiet_at = float("inf")
                     self._note_quiet()
@@ -94,11 +92,27 @@ class MqttSource(SubscribedSource):
                 link.check()
         return heard
 
-    def _reached(
+    @asynccontextmanager
+    async def _reached(
         self, broker: BrokerConfig, inbox: Inbox, topics: Mapping[str, int], session: float
-    ) -> AbstractAsyncContextManager[_Link]:
-        status_topic = self._table.status_topic if session else None
-        return self._opened(lambda: _Link(self.name, broker, inbox, topics, session, status_topic))
+    ) -> AsyncIterator[Client]:
+        """A client of `broker` with subscriptions to `topics`, whose messages go into `inbox`."""
+        status = self._table.status_topic if session else None
+
+        def take(incoming: Incoming) -> None:
+            inbox.put(EVERYTHING if EVERYTHING in topics else incoming.key, incoming)
+
+        with said_of(self.name):
+            async with connected(broker, take, session, None if status is None else Will(status, OFFLINE)) as client:
+                self._link = client
+                if status is not None:
+                    await client.publish(status, ONLINE)
+                await client.subscribe(topics)
+                try:
+                    yield client
+                finally:
+                    if status is not None:
+                        await _said_goodbye(client, status)
 
     def _topics(self) -> dict[str, int]:
         """The topics, each with the quality of service of its subscription.
@@ -113,91 +127,6 @@ class MqttSource(SubscribedSource):
             qos = int(timed) if self._table.qos is None else self._table.qos
             wanted[channel.place] = max(qos, wanted.get(channel.place, 0))
         return wanted
-
-
-class _Link:
-    """The client of a source, in a thread of its own."""
-
-    def __init__(
-        self,
-        name: str,
-        broker: BrokerConfig,
-        inbox: Inbox,
-        topics: Mapping[str, int],
-        session: float,
-        status_topic: str | None,
-    ) -> None:
-        self._broker, self._inbox, self._session, self._status_topic = broker, inbox, session, status_topic
-        self._topics = dict(topics)
-        self._client: Client | None = None
-        self._loop = asyncio.get_running_loop()
-        self._is_open = asyncio.Event()
-        self._changes: asyncio.Queue[tuple[Mapping[str, int], set[str]]] = asyncio.Queue()
-        self._everything = EVERYTHING in topics
-        self._background = Background(f"mqtt-{name}")
-
-    async def open(self) -> None:
-        """Connect and subscribe. Raises SourceUnavailable and SourceConfigError."""
-        self._background.start(self._attend)
-        while not self._is_open.is_set():
-            try:
-                async with asyncio.timeout(LOOK / 10):
-                    await self._is_open.wait()
-            except TimeoutError:
-                self.check()
-
-    def check(self) -> None:
-        """Raise why the connection is lost, if it is."""
-        if self._background.failure is not None:
-            raise self._background.failure
-        if self._background.ended:
-            raise SourceUnavailable(f"the connection to {self._broker.place} has ended")
-
-    def change(self, more: Mapping[str, int], less: set[str]) -> None:
-        """Subscribe to the topics `more` with their quality of service, and give `less` up."""
-        self._background.call(partial(self._changes.put_nowait, (more, less)))
-
-    async def close(self) -> None:
-        """Disconnect; gives up after a second rather than hang."""
-        await asyncio.to_thread(self._background.stop, _CLOSE_SECONDS)
-
-    async def _attend(self) -> None:
-        topic = self._status_topic
-        will = None if topic is None else Will(topic, OFFLINE)
-        async with connected(self._broker, self._take, self._session, will) as client:
-            if topic is not None:
-                await client.publish(topic, ONLINE)
-            await client.subscribe(self._topics)
-            self._loop.call_soon_threadsafe(self._is_open.set)
-            try:
-                await _first_failure(client.lost(), self._follow(client))
-            finally:
-                if topic is not None:
-                    await _said_goodbye(client, topic)
-
-    async def _follow(self, client: Client) -> None:
-        """Take the subscriptions to every change. Raises SourceUnavailable where the broker does not confirm one."""
-        while True:
-            more, less = await self._changes.get()
-            await client.subscribe(more)
-            await client.unsubscribe(less)
-
-    def _take(self, incoming: Incoming) -> None:
-        self._inbox.put(EVERYTHING if self._everything else incoming.key, incoming)
-
-
-async def _first_failure(*work: Coroutine[Any, Any, None]) -> None:
-    """Run `work`, which never ends by itself, until one of it raises, and raise that; none of it is left behind."""
-    tasks = [asyncio.create_task(one) for one in work]
-    try:
-        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in tasks:
-            if task.done():
-                task.result()
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def _said_goodbye(client: Client, topic: str) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
-import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -14,6 +13,7 @@ from typing import Any
 import zenoh
 import zenoh.ext
 
+from adapters.cancelling import in_thread
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
 from adapters.zenoh.connection import SessionConfig
@@ -36,10 +36,10 @@ class ZenohLink:
         answers within the timeout (mode "client") or an address is taken."""
         config = session_config(self._table, self._access)
         try:
-            self._session = await _in_thread(lambda: zenoh.open(config), lambda late: late.close())
+            self._session = await in_thread(lambda: zenoh.open(config), lambda late: late.close())
         except zenoh.ZError as error:
             text = first_line(error)
-            raise SourceUnavailable(await _in_thread(lambda: _why(self._table, text))) from error
+            raise SourceUnavailable(await in_thread(lambda: _why(self._table, text))) from error
 
     def subscribe(self, key: str, on_sample: OnSample, recover: float = 0.0, last: bool = False) -> None:
         """Call `on_sample`, in Zenoh's threads, for every sample on `key`; one subscription for each key.
@@ -74,7 +74,7 @@ class ZenohLink:
     async def unsubscribe(self, key: str) -> None:
         """Give the subscription to `key` up."""
         with suppress(zenoh.ZError):
-            await _in_thread(self._subscriptions.pop(key).undeclare)
+            await in_thread(self._subscriptions.pop(key).undeclare)
 
     def ask(self, key: str, on_sample: OnSample, seconds: float) -> None:
         """Call `on_sample` for every answer to a query of `key` that comes within `seconds`."""
@@ -100,7 +100,7 @@ class ZenohLink:
             return
         with suppress(TimeoutError):
             async with asyncio.timeout(_CLOSE_SECONDS):
-                await _in_thread(self._undeclare)
+                await in_thread(self._undeclare)
 
     def _undeclare(self) -> None:
         for step in (*(subscription.undeclare for subscription in self._subscriptions.values()), self._session.close):
@@ -127,35 +127,6 @@ def _incoming(sample: zenoh.Sample) -> Incoming:
         None if sample.timestamp is None else sample.timestamp.get_time().timestamp(),
         time.time(),
     )
-
-
-async def _in_thread(work: Callable[[], Any], abandoned: Callable[[Any], object] | None = None) -> Any:
-    """What `work` returns or raises, from a thread that does not keep the process alive; if nobody waits any more,
-    `abandoned` gets what it returns."""
-    loop = asyncio.get_running_loop()
-    outcome: asyncio.Future[Any] = loop.create_future()
-
-    def settle(result: Any, error: BaseException | None) -> None:
-        if outcome.cancelled():
-            if error is None and abandoned is not None:
-                threading.Thread(target=abandoned, args=(result,), daemon=True).start()
-        elif error is not None:
-            outcome.set_exception(error)
-        else:
-            outcome.set_result(result)
-
-    def run() -> None:
-        result, error = None, None
-        try:
-            result = work()
-        except BaseException as raised:
-            error = raised
-        # Nobody is left to tell once the loop is closed.
-        with suppress(RuntimeError):
-            loop.call_soon_threadsafe(settle, result, error)
-
-    threading.Thread(target=run, name="zenoh-session", daemon=True).start()
-    return await outcome
 
 
 def session_config(table: SessionConfig, access: Mapping[str, object]) -> zenoh.Config:

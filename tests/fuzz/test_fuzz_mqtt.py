@@ -92,7 +92,7 @@ def test_mqtt_wire(data: bytes) -> None:
     client._sock = ours
     theirs.sendall(data)
     theirs.close()
-    # Whatever the library raises ends the connection; see `Client.lost`.
+    # Whatever the library raises ends the connection; see `_library`.
     with ours, suppress(Exception):
         for _ in range(len(data) + 2):
             if client.loop_read() != paho.MQTT_ERR_SUCCESS:

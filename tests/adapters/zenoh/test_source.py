@@ -333,7 +333,7 @@ async def test_probe_takes_the_last_value_from_a_cache_or_a_query() -> None:
 
 async def test_cancelling_while_the_session_opens_waits_for_nobody() -> None:
     def opening() -> set[threading.Thread]:
-        return {thread for thread in threading.enumerate() if thread.name == "zenoh-session"}
+        return {thread for thread in threading.enumerate() if thread.name == "library"}
 
     before, held = opening(), list[socket.socket]()
     # Somebody listens there, and never says a word.
