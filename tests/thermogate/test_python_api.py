@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -26,6 +27,7 @@ from service.store.checkpoint import decode, encode
 from thermogate import learning
 
 FEW: dict[str, Any] = {"estimator": "ekf"}
+MISTAKES = json.loads(Path(__file__).with_name("mistakes.json").read_text(encoding="utf-8"))
 
 
 def room(start: str = "2025-01-10 00:00", samples: int = 60, tz: str | None = "UTC", period: str = "10min") -> Any:
@@ -455,6 +457,7 @@ def with_text(table: Any) -> Any:
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
+        *((fit(**arguments), sentence) for arguments, sentence in MISTAKES["fit"]),
         (fit(lambda t: t["T_i"]), "the table must be a pandas DataFrame, not a Series"),
         (fit(lambda t: t.reset_index(drop=True)), r"the index of the table holds int64, not times; make it one with"),
         (fit(lambda t: t.tz_localize(None)), 'the times of the table have no time zone; give tz, such as tz="Europe/'),
@@ -470,26 +473,8 @@ def with_text(table: Any) -> Any:
         (fit(lambda t: t.assign(T_out=np.nan)), "no row of the table could be used: no reading of T_out yet"),
         (fit(lambda t: t.iloc[:1]), "one row, from which no period follows; give period"),
         (fit(lambda t: t.iloc[[0, 1, 3, 7, 12]]), "the rows are 10min to 50min apart, from which no period follows"),
-        (fit(period="7min"), 'period: "7min" does not divide a day into equal whole seconds'),
-        (fit(network="titeht"), 'network: unknown network "titeht"; the presets are .* did you mean "titeth"'),
-        (fit(network={"preset": "tite", "paramters": {}}), "network.paramters: is not a known key"),
-        (fit(network=7), 'network: must be a preset such as "titeth"'),
-        (
-            fit(columns={"T_x": "a"}),
-            "columns.T_x: network .tite. has no such channel; its channels are T_i, T_out, u_heat",
-        ),
-        (fit(columns={"T_i": 3}), "columns.T_i: must be the name of a column, a pair of name and unit"),
-        (fit(columns=["T_i"]), "columns must be a dict such as"),
         (fit(columns={"u_heat": ("u_heat", "K")}), "columns.u_heat.unit: unit 'K' cannot be converted to W"),
-        (fit(columns={"u_heat": {"aggregate": "median"}}), 'columns.u_heat.aggregate: "median" is not known'),
-        (fit(estimator="kalman"), 'estimator: there is no estimator "kalman"; the estimators are rbpf, ekf'),
-        (fit(estimator_options={"particles": 3}), "estimator_options.particles"),
-        (fit(estimator_options=[1]), r"estimator_options: must be a table, .*, not \[1\]"),
-        (fit(levels=[1.5]), "levels.*: must lie between 0 and 1"),
-        (fit(levels="0.9"), "levels: must be a list of levels"),
-        (fit(tz=5), 'tz must be a time zone such as "Europe/Berlin", not an int'),
         (fit(seed=np.int64(-1)), "seed: must be a whole number .*, not -1"),
-        (fit(hold_inputs="soon"), 'hold_inputs: "soon" is not a duration'),
         (lambda: tg.fit(SPRING.iloc[12:18], "tite", tz=BERLIN, period="10min", **FEW), "skips every time"),
     ],
 )
@@ -539,22 +524,11 @@ def test_days_that_are_not_scored_are_refused_in_one_sentence(days: Any, model: 
 @pytest.mark.parametrize(
     ("plan", "horizon", "sentence"),
     [
-        (None, "25min", "horizon 25min is not a whole number of the zone's periods of 10min; 20min would be"),
-        (None, "soon", 'horizon: "soon" is not a duration'),
-        ({"u_het": 1.0}, "1h", 'the plan has "u_het", which is no input .* are T_out .degC., u_heat .W.; did you mean'),
-        ({"T_i": 20.0}, "1h", 'the plan has "T_i", which is no input of the model'),
-        ({"u_heat": [1.0, 2.0]}, "1h", '"u_heat" has 2 values, but the horizon has 6 steps of 10min; give 6 values'),
+        *MISTAKES["forecast"],
         ({"u_heat": np.array("on")}, "1h", 'the plan\'s "u_heat" must be a number or one number for every step'),
         ({"u_heat": np.timedelta64(5, "s")}, "1h", 'the plan\'s "u_heat" must be a number'),
         ({"u_heat": np.complex128(5j)}, "1h", 'the plan\'s "u_heat" must be a number'),
-        ({"u_heat": "on"}, "1h", 'the plan\'s "u_heat" must be a number or one number for every step'),
         ({"u_heat": ["on"] * 6}, "1h", 'the plan: column "u_heat" holds "on" at 0, which is no number'),
-        (
-            {"T_out": 300.0},
-            "1h",
-            'the plan\'s "T_out" plans 300 degC; -60 to 80 degC can be planned, by valid',
-        ),
-        (7, "1h", "the plan must be a DataFrame or a dict"),
         (room(samples=6)[["u_heat"]], "1h", 'the plan\'s "u_heat" has no value between 2025-01-10 10:00:00'),
     ],
 )
