@@ -189,7 +189,7 @@ class _Student:
         updates, checkpoint = await self._there(_take, self._zone.id, samples)
         for update in updates:
             self._store.record(self._zone.id, update)
-        await self._store.write(self._store.journal.flush)
+        await self._store.run(self._store.journal.flush)
         if checkpoint is not None:
             await asyncio.to_thread(self._store.checkpoints.save, self._zone.id, checkpoint)
 

@@ -54,6 +54,8 @@ class Database(ABC):
     """Rows of a zone are deleted for their age once there are so many s of them."""
 
     place: str
+    trouble: str | None = None
+    """Why nothing can be written now; None if it can, as far as is known."""
 
     @abstractmethod
     def read(self, query: str, *values: object) -> list[tuple[Any, ...]]:

@@ -154,9 +154,8 @@ class Journal:
             self.flush()
 
     def flush(self) -> None:
-        """Make the recorded history durable."""
-        if self._pending:
-            self._write((), lambda cursor: None)
+        """Make the recorded history durable. Raises if nothing can be written now, also where there is none."""
+        self._write((), lambda cursor: None)
 
     def keep(self, zone: str, readings: Sequence[Reading]) -> None:
         """Store usable readings of an interval that is open, durable on return; one that is there already stays."""
@@ -269,7 +268,8 @@ class Journal:
     def close(self) -> None:
         """Flush and close; safe to call twice."""
         try:
-            self.flush()
+            if self._pending:
+                self.flush()
         finally:
             self.database.close()
 

@@ -35,6 +35,7 @@ class JournalFile(Database):
         """The file at `path` over a `connection`, which `open` makes; over one that only reads it is looked at."""
         self.place = f"the journal {path}"
         self._connection, self._path = connection, path
+        self._watched: dict[Path, tuple[int, int] | None] = {}
 
     @classmethod
     def open(cls, path: Path) -> JournalFile:
@@ -60,7 +61,13 @@ class JournalFile(Database):
         with translated(self._path):
             return self._connection.execute(query, values).fetchall()
 
+    def watch(self, *files: Path) -> None:
+        """Write nothing any more once these are no longer the files that they are now: it would be lost with the
+        process."""
+        self._watched = {file: _identity(file) for file in files}
+
     def transaction(self, work: Callable[[Cursor], Result]) -> Result:
+        self._look()
         with translated(self._path):
             cursor = _Cursor(self._connection)
             try:
@@ -72,7 +79,8 @@ class JournalFile(Database):
                 if self._connection.in_transaction:
                     cursor.execute("ROLLBACK")
                 raise
-            return result
+        self._look()
+        return result
 
     def size(self) -> int:
         """Bytes that the file takes, with those that its write-ahead log is allowed."""
@@ -87,6 +95,23 @@ class JournalFile(Database):
 
     def close(self) -> None:
         self._connection.close()
+
+    def _look(self) -> None:
+        lost = [file.name for file, identity in self._watched.items() if _identity(file) != identity]
+        if not lost:
+            if self.trouble is not None:
+                _log.info("site.state_dir %s is back", self._path.parent)
+            self.trouble = None
+            return
+        trouble = (
+            f"site.state_dir {self._path.parent} has been deleted or replaced while the daemon runs "
+            f"({' and '.join(lost)}); nothing is accepted, because it would be lost; put the folder back, or start the "
+            "daemon again"
+        )
+        if self.trouble is None:
+            _log.error("%s", trouble)
+        self.trouble = trouble
+        raise JournalError(trouble)
 
 
 class _Cursor:
@@ -108,6 +133,15 @@ class _Cursor:
             part = rows[first : first + _ROWS_AT_ONCE]
             places = ", ".join([f"({', '.join('?' * len(part[0]))})"] * len(part))
             self.execute(f"INSERT INTO {into} VALUES {places} {otherwise}", *(value for row in part for value in row))
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Which file `path` is; None if there is none."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
 
 
 def schema_problem(connection: sqlite3.Connection) -> str | None:

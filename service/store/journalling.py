@@ -39,8 +39,8 @@ _log = logging.getLogger(__name__)
 class JournalStore(ABC):
     """`journal` and `checkpoints` behind the event loop; `place` says in messages where they are.
 
-    What only the journal knows is asked with `run`, and what must be durable afterwards with `write`. Every method may
-    raise ServiceError with the place and the remedy.
+    What only the journal knows or does is asked for with `run`. Every method may raise ServiceError with the place and
+    the remedy.
     """
 
     prune_seconds = 60.0
@@ -153,17 +153,14 @@ class JournalStore(ABC):
             found.append(buckets)
         return joined(found)
 
-    @abstractmethod
     def problems(self) -> list[str]:
         """What keeps the store from accepting anything until somebody helps; nothing if all is well."""
+        trouble = self.journal.database.trouble
+        return [] if trouble is None else [trouble]
 
     @abstractmethod
     def measures(self) -> list[Measure]:
         """What metrics tell of the store."""
-
-    @abstractmethod
-    def _look(self) -> None:
-        """In the thread of the journal: JournalError, which the log has, while nothing can be accepted."""
 
     def _prune(self, limits: Limits) -> Iterator[None]:
         """In the thread of the journal: delete what is beyond `limits`, a slice at every step."""
@@ -181,7 +178,7 @@ class JournalStore(ABC):
         """Look for ever whether the store can accept anything, and say so in the log when it cannot."""
         while True:
             with suppress(ServiceError):
-                await self.run(self._look)
+                await self.run(self.journal.flush)
             await asyncio.sleep(self.look_seconds)
 
     async def keep_within(self, limits: Limits) -> None:
@@ -216,23 +213,19 @@ class JournalStore(ABC):
         async with self._committing:
             accepted, self._accepted, self._commit = self._accepted, [], None
             try:
-                await self.write(self.journal.append_all, accepted)
+                await self.run(self.journal.append_all, accepted)
             except Fenced as error:
                 # A zone that has gone to another owner must not take the samples of the others with it.
                 rest = [(zone, sample) for zone, sample in accepted if zone not in error.zones]
                 if not rest or len(rest) == len(accepted):
                     raise
-                await self.write(self.journal.append_all, rest)
+                await self.run(self.journal.append_all, rest)
                 return dict.fromkeys(error.zones, error)
             return {}
 
     def _known_until(self, zone: str) -> tuple[int | None, int | None]:
         """The times of the newest stored sample of `zone`, and of the newest that was pruned."""
         return self.journal.last_sample_time(zone), self.journal.pruned_until(zone)
-
-    async def write(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """As `run`, for what must be durable afterwards."""
-        return await self.run(function, *arguments)
 
     async def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """What `function` returns in the thread of the journal, after everything that was recorded before it."""

@@ -7,17 +7,16 @@ import fcntl
 import logging
 import os
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
-from service.errors import JournalError, ServiceError
+from service.errors import ServiceError
 from service.records.measures import Measure, Rows, single
 from service.store.checkpoint import CheckpointStore
-from service.store.database import Result
 from service.store.durable_files import SPACE, make_folder
 from service.store.journal import Journal
+from service.store.journal_file import JournalFile
 from service.store.journalling import JournalStore
 from service.store.ownership import as_owner_of, open_plain
 
@@ -44,37 +43,12 @@ class Store(JournalStore):
                 raise ServiceError(
                     f"restoring a backup into {state_dir} was interrupted; run `thermogate restore` again"
                 )
-            journal = Journal.open(state_dir / JOURNAL)
+            database = JournalFile.open(state_dir / JOURNAL)
+            database.watch(state_dir / "lock", state_dir / JOURNAL)
         except BaseException:
             os.close(self._lock)
             raise
-        super().__init__(journal, CheckpointStore(state_dir / CHECKPOINTS), state_dir)
-        self._files = {name: _identity(state_dir / name) for name in ("lock", JOURNAL)}
-        """What the files are that are open."""
-        self._gone: str | None = None
-        """Why nothing can be accepted, once the folder has been taken away."""
-
-    def problems(self) -> list[str]:
-        """What keeps the store from accepting anything until somebody helps; nothing if all is well."""
-        return [] if self._gone is None else [self._gone]
-
-    def _look(self) -> None:
-        """JournalError if the files that are open are no longer those in the folder: what is written to them now is
-        lost with the process."""
-        lost = [name for name, identity in self._files.items() if _identity(self.path / name) != identity]
-        if not lost:
-            if self._gone is not None:
-                _log.info("site.state_dir %s is back", self.path)
-            self._gone = None
-            return
-        gone = (
-            f"site.state_dir {self.path} has been deleted or replaced while the daemon runs ({' and '.join(lost)}); "
-            "nothing is accepted, because it would be lost; put the folder back, or start the daemon again"
-        )
-        if self._gone is None:
-            _log.error("%s", gone)
-        self._gone = gone
-        raise JournalError(gone)
+        super().__init__(Journal(database), CheckpointStore(state_dir / CHECKPOINTS), state_dir)
 
     def measures(self) -> list[Measure]:
         """What metrics tell of the store."""
@@ -94,16 +68,6 @@ class Store(JournalStore):
                 os.close(self._lock)
                 self._lock = None
 
-    async def write(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """As `run`; JournalError if the folder has been taken away."""
-        return await self.run(self._in_place, function, *arguments)
-
-    def _in_place(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        self._look()
-        result = function(*arguments)
-        self._look()
-        return result
-
 
 def _warn_of_onlookers(folder: Path) -> None:
     """Say so if accounts that are neither the daemon's nor of its group can look into `folder`."""
@@ -116,15 +80,6 @@ def _warn_of_onlookers(folder: Path) -> None:
             mode,
             folder,
         )
-
-
-def _identity(path: Path) -> tuple[int, int] | None:
-    """Which file `path` is; None if there is none."""
-    try:
-        status = path.stat()
-    except OSError:
-        return None
-    return status.st_dev, status.st_ino
 
 
 @contextmanager

@@ -85,7 +85,7 @@ class Recovery:
         if checkpoint is None:
             return
         try:
-            await self._store.write(self._store.journal.flush)
+            await self._store.run(self._store.journal.flush)
             await self._in_pool(self._store.checkpoints.save, self._zone, checkpoint)
             self._unsaved = False
             self._plumbing.metrics.checkpointed(self._zone, written=True)
@@ -97,7 +97,7 @@ class Recovery:
         """Mark the sample at `when` as one that is not to be assimilated."""
         _log.error("zone '%s' passes over its sample at %d, which %s", self._zone, when, reason)
         try:
-            await self._store.write(self._store.journal.skip, self._zone, when, reason)
+            await self._store.run(self._store.journal.skip, self._zone, when, reason)
         except ServiceError as failure:
             _log.error("zone '%s': %s", self._zone, failure)
 

@@ -176,7 +176,7 @@ def fill_history(folder: Path) -> None:
         store = Store(folder / "state")
         for step in range(ROWS):
             store.record("zone-one", make_update(step))
-        await store.write(store.journal.flush)
+        await store.run(store.journal.flush)
         store.close()
 
     asyncio.run(fill())

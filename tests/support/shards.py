@@ -74,7 +74,7 @@ async def filled(store: PostgresStore) -> None:
 
 async def _recorded(store: PostgresStore) -> None:
     store.record("z", make_update(1))
-    await store.write(store.journal.flush)
+    await store.run(store.journal.flush)
 
 
 async def _given_up(store: PostgresStore) -> None:
@@ -84,8 +84,8 @@ async def _given_up(store: PostgresStore) -> None:
 
 WRITING: dict[str, Callable[[PostgresStore], Awaitable[Any]]] = {
     "append": lambda store: store.append("z", make_sample(1)),
-    "keep": lambda store: store.write(store.journal.keep, "z", [READING]),
-    "skip": lambda store: store.write(store.journal.skip, "z", make_sample(0).time, "broken"),
+    "keep": lambda store: store.run(store.journal.keep, "z", [READING]),
+    "skip": lambda store: store.run(store.journal.skip, "z", make_sample(0).time, "broken"),
     "save": lambda store: asyncio.to_thread(store.checkpoints.save, "z", checkpoint(7)),
     "set checkpoints aside": lambda store: asyncio.to_thread(store.checkpoints.set_aside, "z", 0),
     "set back": lambda store: store.set_back("z", None, None, make_sample(0).time - 1),

@@ -202,7 +202,7 @@ async def claimed(
             ):
                 continue
             _log.error("zone '%s' passes over its sample: %s", zone.id, suspect)
-            await leased.store.write(leased.store.journal.skip, zone.id, suspect.time, str(suspect))
+            await leased.store.run(leased.store.journal.skip, zone.id, suspect.time, str(suspect))
             ((passed,),) = await leased.store.run(leased.store.journal.read, _PASSED, zone.id, suspect.time - _DAY)
             if passed > MOST:
                 refused[zone.id] = f"{suspect}, and it was like that with {passed - 1} others of a day"

@@ -28,14 +28,10 @@ class LeasedJournal(Journal):
 
     def prunable(self) -> list[str]:
         """The zones of the lease."""
-        self.look()
+        self.flush()
         lease = self._fence.lease
         query = "SELECT zone FROM zones WHERE lease = ? AND epoch = ? ORDER BY zone"
         return [zone for (zone,) in self.read(query, lease.name, lease.epoch)]
-
-    def look(self) -> None:
-        """Raises if nothing can be written now: Fenced if the lease is lost."""
-        self._write((), lambda cursor: None)
 
     def close(self) -> None:
         """As every journal. What was recorded for another owner is left out: he has it too."""

@@ -45,10 +45,7 @@ class PostgresStore(JournalStore):
 
     def problems(self) -> list[str]:
         """What keeps the store from accepting anything; nothing if all is well."""
-        return [problem for problem in (self.fence.lost, self._database.trouble) if problem is not None]
-
-    def _look(self) -> None:
-        self._own.look()
+        return [*super().problems(), *([] if self.fence.lost is None else [self.fence.lost])]
 
     def _prune(self, limits: Limits) -> Iterator[None]:
         # The server keeps the space of deleted rows for later ones, so deleting more would not make its files smaller.

@@ -154,9 +154,9 @@ async def test_one_who_is_stopped_does_not_take_the_commit_of_the_others_along(k
 async def test_samples_come_back_in_pages_and_in_order_without_the_skipped_ones(kept: Kept) -> None:
     async with kept.opened() as store:
         await asyncio.gather(*(store.append("z", make_sample(step)) for step in range(1200)))
-        await store.write(store.journal.skip, "z", make_sample(3).time, "failed 3 times: it's broken")
+        await store.run(store.journal.skip, "z", make_sample(3).time, "failed 3 times: it's broken")
         with pytest.raises(JournalError, match=r"no sample of zone 'z' at 7 to skip"):
-            await store.write(store.journal.skip, "z", 7, "there is none")
+            await store.run(store.journal.skip, "z", 7, "there is none")
     async with kept.opened() as store:
         found: list[Sample] = []
         while page := await store.samples_after("z", found[-1].time if found else None):
@@ -256,7 +256,7 @@ async def test_a_damaged_row_of_history_is_left_out_and_told_once(kept: Kept, ca
         for step in range(6):
             await store.append("z", make_sample(step))
             store.record("z", make_update(step))
-        await store.write(store.journal.flush)
+        await store.run(store.journal.flush)
         kept.change(f"UPDATE {{}}history SET gate = gate + 0.001 WHERE time = {make_sample(4).time}")
         for _ in range(3):
             rows = await store.run(store.journal.history, "z", None, None, 100)
@@ -271,11 +271,9 @@ READINGS = [Reading("z/T_i", START + 0.5, np.float64(21.5)), Reading("z/u", STAR
 
 async def test_readings_are_kept_once_until_they_are_too_old_to_be_posted_again(kept: Kept) -> None:
     async with kept.opened() as store:
-        await store.write(store.journal.keep, "z", READINGS)
-        await store.write(
-            store.journal.keep, "z", [READINGS[0]._replace(value=3.0), Reading("z/T_i", START + 2.0, 22.0)]
-        )
-        await store.write(store.journal.keep, "z", [])
+        await store.run(store.journal.keep, "z", READINGS)
+        await store.run(store.journal.keep, "z", [READINGS[0]._replace(value=3.0), Reading("z/T_i", START + 2.0, 22.0)])
+        await store.run(store.journal.keep, "z", [])
     async with kept.opened() as store:
         all_of_them = await store.run(store.journal.kept, "z", 0.0)
         between = await store.run(store.journal.kept, "z", START + 1.0, START + 1.5)
@@ -295,7 +293,7 @@ async def test_a_damaged_reading_is_left_out_and_told(
     kept: Kept, change: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with kept.opened() as store:
-        await store.write(store.journal.keep, "z", READINGS)
+        await store.run(store.journal.keep, "z", READINGS)
         kept.change(f"UPDATE {{}}readings SET {change} WHERE channel = 'z/T_i'")
         assert (await store.run(store.journal.kept, "z", 0.0)) == [READINGS[1]]
     assert "damaged reading of zone 'z'" in caplog.text
@@ -353,7 +351,7 @@ async def test_a_zone_is_forgotten_whole_and_begins_anew(kept: Kept) -> None:
         await store.append("z", make_sample(5))
         await store.append("other", make_sample(5))
         store.record("z", make_update(5))
-        await store.write(store.journal.keep, "z", READINGS)
+        await store.run(store.journal.keep, "z", READINGS)
         store.checkpoints.save("z", checkpoint(make_sample(5).time))
         await store.forget("z")
     async with kept.opened("") as store:
@@ -376,7 +374,7 @@ async def test_what_lies_ahead_is_set_aside(kept: Kept) -> None:
             store.record("z", make_update(step))
         for step in (2, 7):
             store.checkpoints.save("z", checkpoint(make_sample(step).time))
-        await store.write(store.journal.keep, "z", [Reading("z/T_i", now + 5000.0, 1.0)])
+        await store.run(store.journal.keep, "z", [Reading("z/T_i", now + 5000.0, 1.0)])
         ahead = await store.run(store.journal.samples_ahead, "z", now)
         await store.set_back("z", checkpoint(make_sample(9).time), checkpoint(now), now)
         assert ahead == 4

@@ -114,7 +114,7 @@ async def test_a_zone_that_another_one_holds_is_neither_taken_nor_reset_nor_prun
         with pytest.raises(Fenced, match=r"zone 'z' belongs to the lease 'shard-2' of node-2 for \d+ s more"):
             await attempt
     stale.record("z", make_update(1))
-    await stale.write(stale.journal.flush)
+    await stale.run(stale.journal.flush)
     assert shards.everything() == before
 
 

@@ -33,7 +33,7 @@ async def fill(store: JournalStore) -> None:
         store.record("z", make_update(step))
         store.checkpoints.save("z", checkpoint(make_sample(step).time))
     await store.claim("empty", "f")
-    await store.write(store.journal.flush)
+    await store.run(store.journal.flush)
 
 
 @pytest.fixture(params=["sqlite", "postgres"])

@@ -74,7 +74,7 @@ async def test_nothing_is_accepted_into_a_folder_that_has_been_taken_away(
         with pytest.raises(JournalError, match="has been deleted or replaced while the daemon runs"):
             await store.append("z", sample(1))
     with pytest.raises(JournalError):
-        await store.write(store.journal.flush)
+        await store.run(store.journal.flush)
     assert await store.run(store.journal.last_sample_time, "z") == sample(0).time, "reading goes on"
     assert [str(store.path) in problem for problem in store.problems()] == [True]
     assert [record.levelname for record in caplog.records] == ["ERROR"], "said once"

@@ -35,7 +35,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
             for step in range(STEPS):
                 store.record(zone, make_update(step))
             store.checkpoints.save(zone, Checkpoint("f", make_sample(STEPS - 1).time, {}, {}))
-        await store.write(store.journal.flush)
+        await store.run(store.journal.flush)
         store.close()
 
     asyncio.run(fill())
