@@ -12,7 +12,7 @@ from replay.experiments.hours_ahead.direct import BLIND, BOOSTING, DIRECT, RIDGE
 from replay.experiments.hours_ahead.forecasts import PERSISTENCE, YESTERDAY, PlainRun, run_naive
 from replay.experiments.hours_ahead.horizons import leads_of
 from replay.experiments.hours_ahead.recordings import Recording
-from replay.experiments.hours_ahead.runs import HoursRun, run_hours
+from replay.experiments.hours_ahead.runs import run_hours
 from replay.experiments.jobs import Job
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun
@@ -83,7 +83,7 @@ def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) 
     else:
         registry.resolve(contender.estimator, recording.network, period, contender.options)
         for seed in seeds if seeded(contender) else seeds[:1]:
-            run = FilterRun(
-                contender.estimator, contender.options, recording.network, period, series, seed, recording.whereabouts
-            )
-            yield Job(label, seed, run_hours, HoursRun(run, leads))
+            estimator, options = contender.estimator, contender.options
+            where = recording.whereabouts
+            run = FilterRun(estimator, options, recording.network, period, series, seed, where, leads)
+            yield Job(label, seed, run_hours, run)

@@ -22,6 +22,7 @@ from service.config.fitting import known_heat
 from service.config.site import Whereabouts
 
 FLOOR = "floor"
+TAILS = np.array([0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
 
 
 class Series(NamedTuple):
@@ -55,13 +56,15 @@ class FilterRun(NamedTuple):
     seed: int
     whereabouts: Whereabouts = Whereabouts()
     """What heat that is known up to coefficients depends on, of a network with terms."""
+    leads: tuple[int, ...] = ()
+    """Steps ahead at which forecasts are kept, where hours ahead are forecast."""
 
 
 class Trace(NamedTuple):
     """What an estimator said of its first output along K samples, degC and K; NaN where it said nothing.
 
     `mean`, `lower` and `upper` are `one_step`: formed before y_k was seen. The `filtered_...` ones are of the
-    measured state after y_k, without measurement noise; see `trace`.
+    measured state after y_k, without measurement noise; see `run_filter`.
     """
 
     mean: Array
@@ -98,8 +101,8 @@ class Step(NamedTuple):
         return self.carried.standing.state
 
 
-def run_filter(run: FilterRun) -> Arrays:
-    """The arrays of a `Trace`."""
+def built(run: FilterRun) -> tuple[Estimator, KnownHeat | None, object]:
+    """The estimator of `run`, the heat that its network knows, and its option `measurement_sd`, if it has one."""
     if run.estimator == FLOOR:
         options = run.options
         estimator: Estimator = floor(run.network, run.period, **options)  # type: ignore[arg-type]
@@ -107,8 +110,7 @@ def run_filter(run: FilterRun) -> Arrays:
         resolved = registry.resolve(run.estimator, run.network, run.period, run.options)
         options = registry.as_mapping(resolved)
         estimator = registry.construct(run.estimator, run.network, run.period, resolved)
-    known = known_heat(estimator.network, run.period, run.whereabouts)
-    return trace(estimator, run.series, run.seed, options.get("measurement_sd"), known)._asdict()
+    return estimator, known_heat(estimator.network, run.period, run.whereabouts), options.get("measurement_sd")
 
 
 def steps(
@@ -124,35 +126,34 @@ def steps(
         carried, ahead = step.carried, step.ahead
 
 
-def trace(
-    estimator: Estimator,
-    series: Series,
-    seed: int,
-    measurement_sd: object,
-    known: KnownHeat | None = None,
-) -> Trace:
-    """What the `steps` of `estimator` over `series` leave; `measurement_sd` is its option of that name, if any.
+def run_filter(run: FilterRun) -> Arrays:
+    """The arrays of a `Trace`.
 
-    The `filtered` convention leaves out this noise where it is a number [K], and the posterior's median of it where it
-    is learned. An estimator without such an option (an ARX model, a bank, whose members differ) has no `filtered` rows.
+    The `filtered` convention leaves out the noise `measurement_sd` where it is a number [K], and the posterior's median
+    of it where it is learned. An estimator without such an option (an ARX model, a bank, whose members differ) has no
+    `filtered` rows.
     """
-    tails = np.array([0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
-    kept = _blank(len(series.times), len(estimator.network.parameters))
+    estimator, known, measurement_sd = built(run)
+    kept = _blank(len(run.series.times), len(estimator.network.parameters))
     began = time.perf_counter()
-    for step in steps(estimator, series, seed, known, single=True):
-        k, standing = step.row, step.standing
+    for step in steps(estimator, run.series, run.seed, known, single=True):
+        k, standing, posterior = step.row, step.standing, step.posterior
         if standing is not None:
             kept.mean[k] = standing.mean()[0]
-            kept.lower[k], kept.upper[k] = estimator.quantiles(standing, tails, 0)
-        noise = _left_out(measurement_sd, step.posterior)
+            kept.lower[k], kept.upper[k] = estimator.quantiles(standing, TAILS, 0)
+        noise = _left_out(measurement_sd, posterior)
         if step.assimilated and np.isfinite(noise):
-            after = _without_noise(estimator.predictive(step.posterior.state), noise)
+            after = _without_noise(estimator.predictive(posterior.state), noise)
             kept.filtered_mean[k] = after.mean()[0]
-            kept.filtered_lower[k], kept.filtered_upper[k] = estimator.quantiles(after, tails, 0)
-        _keep(kept, k, step.posterior)
+            kept.filtered_lower[k], kept.filtered_upper[k] = estimator.quantiles(after, TAILS, 0)
+        if len(posterior.alpha_quantiles):
+            kept.alpha[k] = posterior.alpha_quantiles[np.argmax(posterior.alpha_quantiles[:, 1])]
+        if posterior.gate is not None:
+            kept.gate[k] = posterior.gate
+        kept.theta[k] = posterior.parameters
         ended = time.perf_counter()
         kept.seconds[k], began = ended - began, ended
-    return kept
+    return kept._asdict()
 
 
 def _left_out(measurement_sd: object, posterior: Posterior) -> float:
@@ -169,14 +170,6 @@ def _blank(samples: int, parameters: int) -> Trace:
     columns["alpha"] = np.full((samples, 3), np.nan)
     columns["theta"] = np.full((samples, parameters), np.nan)
     return Trace(**columns)
-
-
-def _keep(kept: Trace, k: int, posterior: Posterior) -> None:
-    if len(posterior.alpha_quantiles):
-        kept.alpha[k] = posterior.alpha_quantiles[np.argmax(posterior.alpha_quantiles[:, 1])]
-    if posterior.gate is not None:
-        kept.gate[k] = posterior.gate
-    kept.theta[k] = posterior.parameters
 
 
 def _without_noise(mixture: Mixture, measurement_sd: float) -> Mixture:

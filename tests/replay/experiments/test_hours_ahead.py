@@ -30,7 +30,7 @@ from replay.experiments.hours_ahead.forecasts import (
 )
 from replay.experiments.hours_ahead.horizons import FIRST_DAYS, LATER, issued, leads_of, windows_of
 from replay.experiments.hours_ahead.recordings import Recording
-from replay.experiments.hours_ahead.runs import HoursRun, run_hours
+from replay.experiments.hours_ahead.runs import run_hours
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Series
 from replay.experiments.series.recorded_zone import bridged, read_zone
@@ -178,7 +178,7 @@ def naive_crps(mixture: Mixture, value: float) -> float:
 def test_a_run_is_what_a_naive_loop_finds(estimator: str, options: dict[str, object], close: float) -> None:
     network, record = building_67(), simulated_case(building_67(), Request(days=2), 1).series
     leads = leads_of(PERIOD)
-    run = HoursRun(FilterRun(estimator, options, network, PERIOD, record, 3), tuple(leads.values()))
+    run = FilterRun(estimator, options, network, PERIOD, record, 3, leads=tuple(leads.values()))
     arrays = run_hours(run)
     found = Forecasts(*(arrays[name] for name in Forecasts._fields))
 
@@ -219,7 +219,7 @@ def test_a_network_with_known_heat_is_driven_as_in_the_daemon() -> None:
     network = with_known_heat(automatic(["T_i", "T_out", "u_heat"]), habits=True)
     record, where, leads = lived_in(3), Whereabouts(time_zone="Europe/Berlin"), (1, 6)
     options = {"members": {"habits": {"estimator": "mkf", "preset": "habits"}}}
-    made = run_hours(HoursRun(FilterRun("bank", options, network, HOUR, record, 3, where), leads))
+    made = run_hours(FilterRun("bank", options, network, HOUR, record, 3, where, leads))
 
     heat = known_heat(network, HOUR, where)
     assert heat is not None
