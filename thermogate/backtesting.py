@@ -15,8 +15,7 @@ from estimator.network.network import Network
 from estimator.network.presets import AUTO
 from replay.experiments.hours_ahead.contenders import NAIVE, jobs_of, named
 from replay.experiments.hours_ahead.figures import COUNT, COVERAGE, CRPS, LARGEST, RMSE, WIDTH, figures, key
-from replay.experiments.hours_ahead.forecasts import PERSISTENCE
-from replay.experiments.hours_ahead.horizons import FIRST_DAYS, LATER, leads_of
+from replay.experiments.hours_ahead.forecasts import FIRST_DAYS, LATER, PERSISTENCE, leads_of
 from replay.experiments.hours_ahead.recordings import Recording, of_record
 from replay.experiments.jobs import Arrays
 from replay.experiments.series.recorded_zone import record_of

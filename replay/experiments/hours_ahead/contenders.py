@@ -9,8 +9,7 @@ from importlib.util import find_spec
 from estimator import registry
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead.direct import BLIND, BOOSTING, DIRECT, RIDGE, lightgbm, run_direct
-from replay.experiments.hours_ahead.forecasts import PERSISTENCE, YESTERDAY, PlainRun, run_naive
-from replay.experiments.hours_ahead.horizons import leads_of
+from replay.experiments.hours_ahead.forecasts import PERSISTENCE, YESTERDAY, PlainRun, leads_of, run_naive
 from replay.experiments.hours_ahead.recordings import Recording
 from replay.experiments.hours_ahead.runs import run_hours
 from replay.experiments.jobs import Job

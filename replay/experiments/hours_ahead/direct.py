@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from estimator.arrays import Array
+from estimator.verification.scores import gaussian_crps
 from replay.errors import ReplayError
-from replay.experiments.hours_ahead.forecasts import PlainRun, last_measured, no_forecasts, normal
-from replay.experiments.hours_ahead.horizons import issued
+from replay.experiments.hours_ahead.forecasts import WIDE, PlainRun, issued, last_measured, no_forecasts
 from replay.experiments.jobs import Arrays
 from replay.experiments.series.filtering import Series
 from replay.localtime import DAY, HOUR
@@ -56,10 +56,9 @@ def run_direct(run: PlainRun) -> Arrays:
         mean, sd = _forecast(run, origin, lead, a_day)
         kept = np.isin(origin, issued(series, run.period, lead))
         target = origin[kept] + lead
-        y = series.outputs[target, 0]
-        made.mean[target, place] = mean[kept]
-        bounds = normal(mean[kept], sd[kept], y)
-        made.lower[target, place], made.upper[target, place], made.crps[target, place] = bounds
+        mean, sd = mean[kept], sd[kept]
+        made.mean[target, place], made.crps[target, place] = mean, gaussian_crps(mean, sd, series.outputs[target, 0])
+        made.lower[target, place], made.upper[target, place] = mean - WIDE * sd, mean + WIDE * sd
     return made._asdict()
 
 

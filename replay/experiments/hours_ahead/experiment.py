@@ -13,8 +13,7 @@ from replay.errors import ReplayError
 from replay.experiments.hours_ahead import figures
 from replay.experiments.hours_ahead.contenders import BANK, contenders, jobs_of
 from replay.experiments.hours_ahead.figures import COVERAGE, CRPS, GAIN, LARGEST, LEARNED, LOSS, SCORES, key
-from replay.experiments.hours_ahead.forecasts import PERSISTENCE
-from replay.experiments.hours_ahead.horizons import EVERY, FIRST_DAYS, LATER, WINDOWS, leads_of
+from replay.experiments.hours_ahead.forecasts import EVERY, FIRST_DAYS, LATER, PERSISTENCE, WINDOWS, leads_of
 from replay.experiments.hours_ahead.recordings import Recording, recordings
 from replay.experiments.hours_ahead.runs import SAMPLES
 from replay.experiments.request import Request

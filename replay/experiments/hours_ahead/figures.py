@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from estimator.arrays import Array
-from replay.experiments.hours_ahead.forecasts import Forecasts
-from replay.experiments.hours_ahead.horizons import LATER, leads_of, windows_of
+from replay.experiments.hours_ahead.forecasts import LATER, Forecasts, leads_of, windows_of
 from replay.experiments.hours_ahead.recordings import Known, Recording
 from replay.experiments.jobs import Arrays
 from replay.experiments.study import Figures

@@ -1,20 +1,55 @@
-"""Forecasts of a recording, row by row and horizon by horizon, and the two that need no model."""
+"""Forecasts of a recording, row by row and horizon by horizon: when they are made, and the two that need no model."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
 
-from estimator.arrays import Array
-from replay.experiments.hours_ahead.horizons import issued
+from estimator.arrays import Array, Indices
 from replay.experiments.jobs import Arrays
 from replay.experiments.series.filtering import Series
-from replay.localtime import DAY
+from replay.localtime import DAY, HOUR
+from replay.scores.windows import Window
+
+ONE_STEP = "1 step"
+AHEAD = {"1 h": HOUR, "6 h": 6 * HOUR, "24 h": DAY}
+"""Horizons beside one step [s]."""
+EVERY = 2 * HOUR
+"""Time from one forecast of the hours ahead to the next [s]; one step ahead is forecast at every step."""
+
+FIRST_DAYS, LATER = "first three days", "after three days"
+WINDOWS = (FIRST_DAYS, LATER)
+"""Which forecasts are scored together: those made and come true in the first three days, and those made later."""
+
+
+def leads_of(period: float) -> dict[str, int]:
+    """Steps ahead of every horizon by name; a horizon that is one step long, or shorter, appears once."""
+    leads = {name: round(seconds / period) for name, seconds in AHEAD.items()}
+    return {ONE_STEP: 1} | {name: lead for name, lead in leads.items() if lead > 1}
+
+
+def issued(series: Series, period: float, lead: int) -> Indices:
+    """Rows after whose sample a forecast `lead` steps ahead is made: those whose segment goes on long enough."""
+    rows = np.arange(len(series.times))
+    if lead > 1:
+        rows = rows[:: max(1, round(EVERY / period))]
+    segment = np.cumsum(series.starts)
+    rows = rows[rows + lead < len(segment)]
+    return np.asarray(rows[segment[rows] == segment[rows + lead]], dtype=np.int64)
+
+
+def windows_of(series: Series) -> Mapping[str, Window]:
+    """The rows of each window. The first days end at half of a record of which three days leave less than a quarter."""
+    count = len(series.times)
+    third = int(np.searchsorted(series.times, series.times[0] + 3 * DAY))
+    first = third if third <= 0.75 * count else count // 2
+    return {FIRST_DAYS: Window(0, first), LATER: Window(first, count)}
+
 
 PERSISTENCE, YESTERDAY = "persistence", "yesterday"
-_WIDE = 1.959963984540054
+WIDE = 1.959963984540054
 """Standard deviations from the median of a normal distribution to a bound of its interval at LEVEL (.95)."""
 
 
@@ -65,14 +100,6 @@ def run_naive(run: PlainRun) -> Arrays:
         )
     made.crps[:] = np.abs(made.mean - y[:, None])
     return made._asdict()
-
-
-def normal(mean: Array, sd: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Bounds of the 95 % interval and CRPS against `y` of normal distributions, all (n,)."""
-    z = (y - mean) / sd
-    density = np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
-    crps = sd * (z * (2 * ndtr(z) - 1) + 2 * density - 1 / np.sqrt(np.pi))
-    return mean - _WIDE * sd, mean + _WIDE * sd, crps
 
 
 def last_measured(y: Array) -> Array:

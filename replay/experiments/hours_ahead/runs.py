@@ -11,8 +11,7 @@ from estimator.network.discretise import heat_loss
 from estimator.network.network import Network
 from estimator.types import Mixture
 from estimator.verification.scores import crps
-from replay.experiments.hours_ahead.forecasts import no_forecasts
-from replay.experiments.hours_ahead.horizons import issued
+from replay.experiments.hours_ahead.forecasts import issued, no_forecasts
 from replay.experiments.jobs import Arrays
 from replay.experiments.series.filtering import TAILS, FilterRun, built, steps
 from replay.localtime import DAY

@@ -20,15 +20,18 @@ from replay.experiments.hours_ahead.direct import BLIND, RIDGE, regressors, run_
 from replay.experiments.hours_ahead.experiment import COVERED, OVER_BEST
 from replay.experiments.hours_ahead.figures import figures, key
 from replay.experiments.hours_ahead.forecasts import (
+    FIRST_DAYS,
+    LATER,
     PERSISTENCE,
     YESTERDAY,
     Forecasts,
     PlainRun,
+    issued,
+    leads_of,
     no_forecasts,
-    normal,
     run_naive,
+    windows_of,
 )
-from replay.experiments.hours_ahead.horizons import FIRST_DAYS, LATER, issued, leads_of, windows_of
 from replay.experiments.hours_ahead.recordings import Recording
 from replay.experiments.hours_ahead.runs import run_hours
 from replay.experiments.request import Request
@@ -244,14 +247,6 @@ def test_the_first_days_hold_what_came_true_in_them() -> None:
     assert found[key("forecasts scored", "24 h", FIRST_DAYS)] == 8
     assert found[key("largest error, K", "24 h", FIRST_DAYS)] == 11
     assert found[key("forecasts scored", "24 h", LATER)] == 40 - 12 - 4
-
-
-def test_a_normal_forecast_is_scored_as_the_integral_says() -> None:
-    lower, upper, found = normal(np.array([20.0]), np.array([0.5]), np.array([20.7]))
-    mixture = Mixture(np.array([1.0]), np.array([[20.0]]), np.array([[0.5]]))
-    assert found[0] == pytest.approx(naive_crps(mixture, 20.7), rel=1e-5)
-    assert ndtr((lower[0] - 20.0) / 0.5) == pytest.approx(0.025)
-    assert ndtr((upper[0] - 20.0) / 0.5) == pytest.approx(0.975)
 
 
 def test_a_recording_is_bridged_as_the_worker_bridges_it() -> None:

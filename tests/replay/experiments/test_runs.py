@@ -12,8 +12,7 @@ from estimator.errors import EstimatorError
 from estimator.network.presets import titeth
 from replay.errors import ReplayError
 from replay.experiments.jobs import Arrays, Job, fingerprint
-from replay.experiments.pool import run_jobs
-from replay.experiments.store import load, run_file, save
+from replay.experiments.pool import load, run_file, run_jobs, save
 
 
 class Payload(NamedTuple):
