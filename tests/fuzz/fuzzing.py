@@ -1,41 +1,28 @@
-"""What a fuzz target is: a property of any input, run briefly by pytest and at length by `make fuzz`.
+"""What a fuzz target is: a property of any input, tried with few inputs by `make test` and with many by `make fuzz`.
 
-A target of raw bytes is led by coverage alone; a structured one draws its input by Hypothesis' strategies, whose
-choices are then made from those bytes. A target fails by raising anything.
+A target fails by raising anything, in `make fuzz` also by taking SECONDS for an input.
 """
 
 from __future__ import annotations
 
 import atexit
+import os
 import random
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 Check = Callable[[bytes], object]
 
+TIMES = int(os.environ.get("FUZZ_TIMES", "1"))
+"""How many times the inputs of `make test` every target gets."""
 
-class Target(NamedTuple):
-    """`run` takes one input and returns None where the bytes made none; `share` is its part of all inputs.
-
-    A target without `run`, because what it tests runs elsewhere where coverage is not seen, has Hypothesis draw the
-    arguments of `check` from `strategies`.
-    """
-
-    name: str
-    share: int
-    run: Check | None
-    check: Callable[..., object]
-    strategies: Mapping[str, st.SearchStrategy[Any]]
-    seeds: tuple[bytes, ...] = ()
-
-
-TARGETS: dict[str, Target] = {}
+SECONDS = 20
 
 
 def folder() -> Path:
@@ -45,54 +32,21 @@ def folder() -> Path:
     return made
 
 
-def raw(*seeds: bytes, share: int, examples: int = 400) -> Callable[[Check], Callable[[], None]]:
+def raw(*seeds: bytes, examples: int = 400) -> Callable[[Check], Callable[[], None]]:
     """A target that takes bytes as they are; `seeds` are good ones to begin with."""
-
-    def register(check: Check) -> Callable[[], None]:
-        def run(data: bytes) -> bool:
-            check(data)
-            return True
-
-        name = check.__name__.removeprefix("test_")
-        drawn = {"data": spoilt(seeds)}
-        TARGETS[name] = Target(name, share, run, check, drawn, seeds)
-        return _briefly(examples)(given(**drawn)(_named(check)))
-
-    return register
+    return structured(examples, data=spoilt(seeds))
 
 
-def structured(
-    share: int, examples: int = 100, led: bool = True, **strategies: st.SearchStrategy[Any]
-) -> Callable[[Any], Any]:
-    """A target whose arguments are drawn from `strategies`."""
-
-    def register(check: Any) -> Any:
-        test = _briefly(examples)(given(**strategies)(check))
-        name = check.__name__.removeprefix("test_")
-        TARGETS[name] = Target(name, share, test.hypothesis.fuzz_one_input if led else None, check, strategies)
-        return test
-
-    return register
-
-
-def _briefly(examples: int) -> Callable[[Any], Any]:
-    """The same inputs in every run of the tests; new ones are what `make fuzz` is for."""
-    return settings(
-        max_examples=examples,
-        deadline=None,
-        derandomize=True,
+def structured(examples: int = 100, **strategies: st.SearchStrategy[Any]) -> Callable[[Any], Any]:
+    """A target whose arguments are drawn from `strategies`: the same ones in every `make test`."""
+    few = settings(
+        max_examples=examples * TIMES,
+        deadline=None if TIMES == 1 else 1000 * SECONDS,
+        derandomize=TIMES == 1,
         database=None,
         suppress_health_check=list(HealthCheck),
     )
-
-
-def _named(check: Check) -> Any:
-    def test(data: bytes) -> None:
-        check(data)
-
-    test.__name__, test.__doc__, test.__module__ = check.__name__, check.__doc__, check.__module__
-    test.__qualname__ = check.__name__
-    return test
+    return lambda check: few(given(**strategies)(check))
 
 
 def spoilt(seeds: Sequence[bytes]) -> st.SearchStrategy[bytes]:

@@ -53,7 +53,7 @@ def cases() -> st.SearchStrategy[schemathesis.Case]:
     return st.one_of(*(one.as_strategy(generation_mode=mode) for one in operations for mode in modes))
 
 
-@structured(share=1, examples=100, led=False, case=st.deferred(cases), zone=st.sampled_from(["room-1", None]))
+@structured(examples=100, case=st.deferred(cases), zone=st.sampled_from(["room-1", None]))
 def test_request(case: schemathesis.Case, zone: str | None) -> None:
     if zone is not None and "zone" in case.path_parameters:
         case.path_parameters["zone"] = zone

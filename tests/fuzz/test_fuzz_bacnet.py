@@ -111,13 +111,13 @@ def sound(seen: Seen) -> None:
     assert "".join((probe.raw, probe.verdict, *probe.hints)).isprintable()
 
 
-@raw(I_AM, NOTIFICATION, ANSWER, ERROR, REJECT, ABORT, SEGMENT, NETWORK, FORWARDED, share=10, examples=250)
+@raw(I_AM, NOTIFICATION, ANSWER, ERROR, REJECT, ABORT, SEGMENT, NETWORK, FORWARDED, examples=250)
 def test_bacnet_datagram(data: bytes) -> None:
     """A datagram, and after it a good answer."""
     asyncio.run(exchange([data, ANSWER]))
 
 
-@raw(b"\x04\x41\xac\x00\x00", b"\x08\x04\x40", b"\x07\x00Room", b"\x0c\x00\x00\x00\x01", share=2, examples=300)
+@raw(b"\x04\x41\xac\x00\x00", b"\x08\x04\x40", b"\x07\x00Room", b"\x0c\x00\x00\x00\x01", examples=300)
 def test_bacnet_value(data: bytes) -> None:
     """The octets of a value under any tag."""
     value = Tagged(data[0] % 16 if data else 0, data[1:], len(data))

@@ -53,12 +53,12 @@ def outcome(content: bytes, again: bool = True) -> None:
         assert effective_toml(load(path)) == shown
 
 
-@raw(*TEXTS.values(), b"[site]\nid = 1979-05-27\n", b"a = [[[[", share=2, examples=150)
+@raw(*TEXTS.values(), b"[site]\nid = 1979-05-27\n", b"a = [[[[", examples=150)
 def test_config_file(data: bytes) -> None:
     outcome(data)
 
 
-@raw(b"http.port=8081", b"zones.living.period=10min", b'sources."a.b".files=["x"]', b"zones.0.channels=", share=6)
+@raw(b"http.port=8081", b"zones.living.period=10min", b'sources."a.b".files=["x"]', b"zones.0.channels=")
 def test_override(data: bytes) -> None:
     text = data.decode("utf-8", "replace")
     for tables in RAW.values():
@@ -90,7 +90,6 @@ def places(table: Any, place: tuple[str | int, ...] = ()) -> list[tuple[str | in
 
 
 @structured(
-    share=2,
     examples=120,
     name=st.sampled_from(sorted(RAW)),
     changes=st.lists(

@@ -115,13 +115,12 @@ def judge(written: bytes) -> None:
     assert b"Traceback" not in written
 
 
-@raw(*SEEDS, share=4, examples=60)
+@raw(*SEEDS, examples=60)
 def test_stream(data: bytes) -> None:
     judge(answered([data]))
 
 
 @structured(
-    share=2,
     examples=40,
     parts=st.lists(st.sampled_from([*SEEDS, b"\r\n", b"0\r\n\r\n", b"1\r\na\r\n", b"x" * 3000]), max_size=6),
     cuts=st.lists(st.integers(0, 4000), max_size=8),
@@ -134,7 +133,7 @@ def test_stream_in_pieces(parts: list[bytes], cuts: list[int]) -> None:
     judge(answered([piece for piece in (*pieces, content[begin:]) if piece]))
 
 
-@structured(share=2, examples=100, sizes=st.lists(st.integers(1, 2000), min_size=1, max_size=3000))
+@structured(examples=100, sizes=st.lists(st.integers(1, 2000), min_size=1, max_size=3000))
 def test_chunks(sizes: list[int]) -> None:
     """A body is given whole, or refused for its chunks."""
     parser = Parser(2048)
@@ -152,7 +151,7 @@ def test_chunks(sizes: list[int]) -> None:
     assert len(sizes) <= FREE_CHUNKS + sum(sizes) // CHUNK_BYTES
 
 
-@structured(share=2, examples=60, body=st.recursive(
+@structured(examples=60, body=st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
     lambda inner: st.lists(inner, max_size=30) | st.dictionaries(st.text(max_size=10), inner, max_size=30),
     max_leaves=60,

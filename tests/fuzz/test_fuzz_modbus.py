@@ -43,7 +43,7 @@ def read(words: list[int], form: Format, edge: dict[str, Any]) -> None:
     assert "".join((shown.raw, shown.verdict, *shown.hints)).isprintable()
 
 
-@raw(*SEEDS, b"\x7f\xc0\x00\x00\x80\x00\xff\xff\x01", share=10, examples=300)
+@raw(*SEEDS, b"\x7f\xc0\x00\x00\x80\x00\xff\xff\x01", examples=300)
 def test_register_block(data: bytes) -> None:
     """Bytes as registers, of each type and order that they suffice for."""
     block = data.ljust(9, b"\xff")
@@ -60,7 +60,6 @@ def test_register_block(data: bytes) -> None:
 
 
 @structured(
-    share=2,
     examples=150,
     points=st.lists(
         st.builds(

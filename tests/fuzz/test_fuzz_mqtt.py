@@ -35,14 +35,13 @@ def published(topic: str, payload: bytes, retained: bool) -> None:
         assert _described(Incoming(topic, fits, len(payload), None, NOW, retained)).isprintable()
 
 
-@raw(b"21.5", b"", DOCUMENT, b'[{"n": "T", "v": 21.5}]', b"9" * 70_000, share=8, examples=200)
+@raw(b"21.5", b"", DOCUMENT, b'[{"n": "T", "v": 21.5}]', b"9" * 70_000, examples=200)
 def test_mqtt_message(data: bytes) -> None:
     for retained in (False, True):
         published("home/T", data, retained)
 
 
 @structured(
-    share=3,
     examples=80,
     document=st.recursive(
         st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
@@ -55,7 +54,7 @@ def test_mqtt_document(document: object, retained: bool) -> None:
     published("home/T", json.dumps(document).encode(), retained)
 
 
-@raw(b"home/living/T", b"home/+", b"#", b"", b"\x00", b"\xed\xa0\x80", b"a" * 70_000, share=3, examples=200)
+@raw(b"home/living/T", b"home/+", b"#", b"", b"\x00", b"\xed\xa0\x80", b"a" * 70_000, examples=200)
 def test_mqtt_topic(data: bytes) -> None:
     topic = data.decode("utf-8", "surrogateescape")
     problem = topic_problem(topic)
@@ -81,7 +80,7 @@ PUBLISHED = packet(0x30, b"\x00\x06home/T\x0021.5")
 KEPT = packet(0x33, b"\x00\x06home/T\x00\x01\x00" + DOCUMENT)
 
 
-@raw(CONNACK + PUBLISHED, CONNACK + KEPT, PUBLISHED[:9], packet(0x90, b"\x00\x01\x00\x00"), share=4, examples=150)
+@raw(CONNACK + PUBLISHED, CONNACK + KEPT, PUBLISHED[:9], packet(0x90, b"\x00\x01\x00\x00"), examples=150)
 def test_mqtt_wire(data: bytes) -> None:
     """Bytes from a broker that follows no specification, through the client library to our messages."""
     came: list[Incoming] = []

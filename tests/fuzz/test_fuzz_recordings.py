@@ -65,18 +65,18 @@ def check(readings: list[Reading]) -> None:
             assert EARLIEST <= reading.time < LATEST
 
 
-@raw(ROWS, ROWS.replace(b";", b"\x00;"), b"\xef\xbb\xbf" + ROWS, b'"Timestamp;T;P;E\n', b"", share=4, examples=250)
+@raw(ROWS, ROWS.replace(b";", b"\x00;"), b"\xef\xbb\xbf" + ROWS, b'"Timestamp;T;P;E\n', b"", examples=250)
 def test_csv_file(data: bytes) -> None:
     check(delivered(data, "log.csv"))
     check(delivered(data, "log.csv", encoding="utf-16", decimal=".", delimiter=","))
 
 
-@raw(gzip.compress(ROWS, mtime=0), gzip.compress(b"", mtime=0), share=2, examples=120)
+@raw(gzip.compress(ROWS, mtime=0), gzip.compress(b"", mtime=0), examples=120)
 def test_gzip_file(data: bytes) -> None:
     check(delivered(data, "log.csv.gz"))
 
 
-@raw(b"20.5", b"1_000", b" -,5 ", b"1.234,5", b"NaN", b"n/a", b"0x10", "٣".encode(), share=8, examples=200)
+@raw(b"20.5", b"1_000", b" -,5 ", b"1.234,5", b"NaN", b"n/a", b"0x10", "٣".encode(), examples=200)
 def test_cells_of_numbers(data: bytes) -> None:
     texts = data.decode("utf-8", "replace").split("|")
     for decimal in (".", ","):
@@ -86,7 +86,7 @@ def test_cells_of_numbers(data: bytes) -> None:
         assert np.isnan(cells.values[~good]).all()
 
 
-@raw(b"2025-10-26 02:30:00|2025-10-26 02:10:00|1772000000|31.12.9999 23:59:59", share=8, examples=200)
+@raw(b"2025-10-26 02:30:00|2025-10-26 02:10:00|1772000000|31.12.9999 23:59:59", examples=200)
 def test_cells_of_timestamps(data: bytes) -> None:
     texts = data.decode("utf-8", "replace").split("|")
     for pattern in ("iso8601", "epoch", "%d.%m.%Y %H:%M:%S"):
@@ -98,7 +98,7 @@ def test_cells_of_timestamps(data: bytes) -> None:
             assert np.isnan(times.values[~good]).all()
 
 
-@raw(b"5min", b"1.5e-3 h", b"7d", b"999999999999d", "٣s".encode(), share=6, examples=200)
+@raw(b"5min", b"1.5e-3 h", b"7d", b"999999999999d", "٣s".encode(), examples=200)
 def test_duration(data: bytes) -> None:
     with suppress(ValueError):
         seconds = parse_duration(data.decode("utf-8", "replace"))
@@ -106,7 +106,7 @@ def test_duration(data: bytes) -> None:
         assert parse_duration(format_duration(seconds)) == seconds
 
 
-@raw(b"degC", b"kWh", b"%", b"BTU/h", share=3, examples=100)
+@raw(b"degC", b"kWh", b"%", b"BTU/h", examples=100)
 def test_unit(data: bytes) -> None:
     unit = data.decode("utf-8", "replace")
     for wanted in ("degC", "W", "W/m2", "1", "%", "people"):
@@ -115,7 +115,7 @@ def test_unit(data: bytes) -> None:
                 assert all(map(math.isfinite, conversion(unit, wanted, nominal)))
 
 
-@raw(b"%d.%m.%Y %H:%M:%S", b"%Y-%j", b"%", b"%Q", b"%s", share=3, examples=150)
+@raw(b"%d.%m.%Y %H:%M:%S", b"%Y-%j", b"%", b"%Q", b"%s", examples=150)
 def test_timestamp_pattern(data: bytes) -> None:
     with suppress(SourceConfigError):
         parse = timestamp_parser(data.decode("utf-8", "replace"))
@@ -123,7 +123,6 @@ def test_timestamp_pattern(data: bytes) -> None:
 
 
 @structured(
-    share=2,
     examples=100,
     seconds=st.floats(0, 36525 * 86400, allow_nan=False),
     other=st.one_of(st.integers(), st.floats(), st.booleans(), st.none(), st.lists(st.integers())),

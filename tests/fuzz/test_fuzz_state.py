@@ -26,7 +26,7 @@ def written(step: int) -> bytes:
     return store.save("z", Checkpoint("mark", step, ARRAYS, {"counters": [1, 2], "text": "é"})).read_bytes()
 
 
-@raw(written(300), written(600), b"PK\x05\x06" + bytes(18), share=4, examples=300)
+@raw(written(300), written(600), b"PK\x05\x06" + bytes(18), examples=300)
 def test_checkpoint_file(data: bytes) -> None:
     """What is damaged is set aside and the one before it is used; what is whole is what was written."""
     folder = FOLDER / "spoilt" / "z"
@@ -60,7 +60,6 @@ WORDS = st.one_of(st.sampled_from(["good", "good,bad", "uncertain", "", ","]), s
 
 
 @structured(
-    share=1,
     examples=60,
     outputs=BLOBS,
     inputs=BLOBS,
@@ -97,7 +96,7 @@ def test_journal_rows(outputs: bytes, inputs: bytes, quality: str, history: list
         journal.close()
 
 
-@raw(share=1, examples=80)
+@raw(examples=80)
 def test_journal_file(data: bytes) -> None:
     """Bytes written over a journal: it opens and reads, or says what is wrong with which file."""
     path = FOLDER / "whole.sqlite3"

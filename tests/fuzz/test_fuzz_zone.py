@@ -112,7 +112,7 @@ def recovers(alignment: Alignment, worker: ZoneWorker, now: float) -> None:
     raise AssertionError(f"{worker.progress} {worker.standing}")
 
 
-@structured(share=1, examples=15, name=st.sampled_from(sorted(SMALL)), steps=STEPS)
+@structured(examples=15, name=st.sampled_from(sorted(SMALL)), steps=STEPS)
 def test_stream_of_readings(name: str, steps: list[tuple[int, list[Any], bool]]) -> None:
     """Readings as no adapter should deliver them, late, ahead, doubled, infinite, between sound ones."""
     alignment, worker = fresh(name)
@@ -125,7 +125,6 @@ def test_stream_of_readings(name: str, steps: list[tuple[int, list[Any], bool]])
 
 
 @structured(
-    share=1,
     examples=25,
     name=st.sampled_from(sorted(SMALL)),
     samples=st.lists(
