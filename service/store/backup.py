@@ -9,7 +9,6 @@ bit from the moment at which the journal was taken.
 from __future__ import annotations
 
 import hashlib
-import logging
 import os
 import re
 import shutil
@@ -28,7 +27,7 @@ from pydantic_core import from_json
 
 from adapters.fields.values import IDENTIFIER
 from service.errors import BackupError
-from service.store.checkpoint import CheckpointStore, Found
+from service.store.checkpoint import CheckpointStore
 from service.store.durable_files import make_folder, sync_folder, write_file
 from service.store.journal_file import SCHEMA_VERSION, schema_problem
 from service.store.ownership import as_owner_of, database, open_plain
@@ -42,8 +41,6 @@ _NAMES = re.compile(rf"{re.escape(JOURNAL)}|{re.escape(CONFIGURATION)}|{CHECKPOI
 _UNPACKING = f"{RESTORING}.tmp"
 _ATTEMPTS = 3
 _BLOCK = 2**20
-
-_log = logging.getLogger(__name__)
 
 
 class _Content(BaseModel):
@@ -209,20 +206,12 @@ def _copy_checkpoints(state_dir: Path, folder: Path) -> dict[str, int]:
         zones = CheckpointStore(state / CHECKPOINTS).zones()
     for zone in zones:
         with as_owner_of(state_dir) as state:
-            newest = _newest_checkpoint(CheckpointStore(state / CHECKPOINTS), zone)
+            newest = CheckpointStore(state / CHECKPOINTS).newest(zone)
         if newest is not None:
             (folder / zone).mkdir(parents=True)
             (folder / zone / f"{newest.step:012d}.npz").write_bytes(newest.content)
             steps[zone] = newest.step
     return steps
-
-
-def _newest_checkpoint(store: CheckpointStore, zone: str) -> Found | None:
-    for found in store.found(zone):
-        if found.checkpoint is not None:
-            return found
-        _log.warning("checkpoint %s is left out of the backup: %s", found.where, found.damage)
-    return None
 
 
 def _check_journal(path: Path, backup: Path) -> None:

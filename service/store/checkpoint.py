@@ -34,6 +34,9 @@ from service.store.durable_files import make_folder, sync_folder, write_file
 from service.store.ownership import open_plain
 
 FORMAT_VERSION = 1
+KEPT = 3
+"""Checkpoints of a zone that stay."""
+
 _HEADER = "header"
 _DIGEST = "digest"
 _ARRAY = "array."
@@ -130,6 +133,15 @@ class Checkpoints(ABC):
     def _mismatch(self, zone: str) -> StateMismatch:
         """What is raised of a zone whose checkpoints have another fingerprint."""
 
+    def newest(self, zone: str) -> Found | None:
+        """The newest sound checkpoint of `zone`; None if there is none. Nothing is changed: of a damaged one the log
+        says that it is left out."""
+        for found in self.found(zone):
+            if found.checkpoint is not None:
+                return found
+            _log.warning("checkpoint %s is left out: %s", found.where, found.damage)
+        return None
+
     def load(self, zone: str, fingerprint: str) -> Checkpoint | None:
         """The newest sound checkpoint of `zone`, None if there is none.
 
@@ -149,11 +161,10 @@ class Checkpoints(ABC):
 
 
 class CheckpointStore(Checkpoints):
-    """Checkpoints of all zones under `directory`, the newest `keep` of each. Every method may raise CheckpointError."""
+    """Checkpoints of all zones under `directory`. Every method may raise CheckpointError."""
 
-    def __init__(self, directory: Path, keep: int = 3) -> None:
+    def __init__(self, directory: Path) -> None:
         self.path = directory
-        self._keep = keep
 
     def save(self, zone: str, checkpoint: Checkpoint, *, keep_all: bool = False) -> Path:
         """Write `checkpoint`, durable on return, and remove the oldest ones, unless to `keep_all`; returns its file."""
@@ -174,7 +185,7 @@ class CheckpointStore(Checkpoints):
                 raise
             # Only when the new one cannot be lost any more may an old one go.
             sync_folder(folder)
-            for old in [] if keep_all else _newest_first(folder)[self._keep :]:
+            for old in [] if keep_all else _newest_first(folder)[KEPT:]:
                 old.unlink()
         return target
 

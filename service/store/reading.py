@@ -33,11 +33,9 @@ class StoredState:
 
     def checkpoint(self, zone: str, fingerprint: str) -> Checkpoint | None:
         """The newest sound checkpoint of `zone` that belongs to `fingerprint`; None if there is none."""
-        for found in self._checkpoints.found(zone):
-            if found.checkpoint is not None:
-                return found.checkpoint if found.checkpoint.fingerprint == fingerprint else None
-            _log.warning("checkpoint %s is left out: %s", found.where, found.damage)
-        return None
+        found = self._checkpoints.newest(zone)
+        sound = None if found is None else found.checkpoint
+        return sound if sound is not None and sound.fingerprint == fingerprint else None
 
 
 @contextmanager

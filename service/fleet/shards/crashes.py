@@ -8,6 +8,7 @@ that took MOST processes with it is passed over.
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import tempfile
@@ -21,9 +22,6 @@ from adapters.fields.times import written_time
 
 MOST = 3
 """How many processes one sample of a zone may take with it."""
-
-_WIDTH = 128
-"""Bytes of a note."""
 
 _log = logging.getLogger(__name__)
 
@@ -47,18 +45,17 @@ class Crashes:
         """Reads what the process before has left. A folder that cannot be written costs the notes alone."""
         self._folder = folder or Path(tempfile.gettempdir()) / f"thermogate-fleet-{os.getuid()}"
         self._path = self._folder / f"{site}.{name}.steps"
-        self.suspects = tuple(self._left())
+        self.suspects = self._left()
         """Who was at work the last time, and how often."""
         self._suspected = {(one.zone, one.time): one.crashes for one in self.suspects if one.crashes < MOST}
-        self._alone = threading.Lock()
-        self._slots: dict[int, int] = {}
-        """Place of each thread's note in the file."""
-        self._lock = threading.Lock()
+        self._at_work: dict[int, Suspect] = {}
+        """What each thread steps."""
+        self._alone, self._lock = threading.Lock(), threading.Lock()
         self._fails = False
         self._file = -1
         try:
             self._folder.mkdir(mode=0o700, exist_ok=True)
-            self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
+            self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
         except OSError as error:
             self._say(error)
 
@@ -72,12 +69,12 @@ class Crashes:
         """While it lasts, this thread steps `zone` with the sample at `time`; alone, until the suspects are known to be
         innocent."""
         with self._alone if self._suspected else nullcontext():
-            self._note(f"{zone} {time} {self._suspected.get((zone, time), 0)}")
+            self._note(Suspect(zone, time, self._suspected.get((zone, time), 0)))
             try:
                 yield
             finally:
                 # An error leaves the process alive.
-                self._note("")
+                self._note(None)
                 self._suspected.pop((zone, time), None)
 
     def close(self) -> None:
@@ -88,15 +85,17 @@ class Crashes:
         with suppress(OSError):
             self._path.unlink(missing_ok=True)
 
-    def _note(self, text: str) -> None:
+    def _note(self, step: Suspect | None) -> None:
         with self._lock:
-            slot = self._slots.setdefault(threading.get_ident(), len(self._slots))
-            if self._file < 0:
-                return
-            try:
-                os.pwrite(self._file, text.encode().ljust(_WIDTH)[:_WIDTH], slot * _WIDTH)
-            except OSError as error:
-                self._say(error)
+            self._at_work.pop(threading.get_ident(), None)
+            if step is not None:
+                self._at_work[threading.get_ident()] = step
+            if self._file >= 0:
+                try:
+                    # What an earlier note has left behind the end of this line means nothing.
+                    os.pwrite(self._file, json.dumps([*self._at_work.values()]).encode() + b"\n", 0)
+                except OSError as error:
+                    self._say(error)
 
     def _say(self, error: OSError) -> None:
         if not self._fails:
@@ -108,12 +107,9 @@ class Crashes:
                 error.strerror,
             )
 
-    def _left(self) -> Iterator[Suspect]:
+    def _left(self) -> tuple[Suspect, ...]:
         try:
-            notes = self._path.read_bytes()
-        except OSError:
-            return
-        for first in range(0, len(notes), _WIDTH):
-            words = notes[first : first + _WIDTH].decode(errors="replace").strip(" \0").split(" ")
-            if len(words) == 3 and words[1].isdecimal() and words[2].isdecimal():
-                yield Suspect(words[0], int(words[1]), int(words[2]) + 1)
+            notes = json.loads(self._path.read_bytes().partition(b"\n")[0])
+            return tuple(Suspect(str(zone), int(time), int(crashes) + 1) for zone, time, crashes in notes)
+        except (OSError, ValueError, TypeError):
+            return ()

@@ -64,7 +64,8 @@ class Shard(Member):
             self._work = await _Work.begin(self.site, self.name, owner, config, self._crashes)
         else:
             await self._work.go_over(config)
-        _log.info("%s runs %d zones by plan %d", self.name, len(self._work.zones), plan.version)
+        if plan.version > self.version:
+            _log.info("%s runs %d zones by plan %d", self.name, len(self._work.zones), plan.version)
         return self._work.waiting
 
     async def take(self, posted: Sequence[Posted], zone: str | None, expected: Collection[str]) -> Handed:

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from service.errors import StateMismatch
-from service.store.checkpoint import Checkpoint, Checkpoints, Found, encode, examined
+from service.store.checkpoint import KEPT, Checkpoint, Checkpoints, Found, encode, examined
 from service.store.database import Cursor
 from service.store.postgres.database import PostgresDatabase
 from service.store.postgres.leases import Fence
@@ -18,16 +18,15 @@ _log = logging.getLogger(__name__)
 
 
 class PostgresCheckpoints(Checkpoints):
-    """Checkpoints in `database`, the newest `keep` of each zone, written as far as `fence` lets it.
+    """Checkpoints in `database`, written as far as `fence` lets it.
 
     It may be asked from any thread, one after the other. Every method may raise JournalError, and those that write
     Fenced.
     """
 
-    def __init__(self, database: PostgresDatabase, fence: Fence, keep: int = 3) -> None:
+    def __init__(self, database: PostgresDatabase, fence: Fence) -> None:
         self._database = database
         self._fence = fence
-        self._keep = keep
         self._one = threading.Lock()
 
     def save(self, zone: str, checkpoint: Checkpoint, *, keep_all: bool = False) -> None:
@@ -43,7 +42,7 @@ class PostgresCheckpoints(Checkpoints):
                     "(SELECT step FROM checkpoints WHERE zone = ? AND NOT damaged ORDER BY step DESC LIMIT ?) AS kept)",
                     zone,
                     zone,
-                    self._keep,
+                    KEPT,
                 )
 
         self._write(zone, work)

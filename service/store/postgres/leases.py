@@ -41,9 +41,9 @@ class Lease(NamedTuple):
     until: float
     """When it expires unless it is renewed, s on the clock of `steady`; never later than the database has it."""
 
-    def is_safe(self, margin: float = 0.0) -> bool:
-        """Whether nobody else can have it yet, nor in `margin` s: what it allows may be published."""
-        return steady() + margin < self.until
+    def is_safe(self) -> bool:
+        """Whether nobody else can have it yet: what it allows may be published."""
+        return steady() < self.until
 
 
 class Leases:
