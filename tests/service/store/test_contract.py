@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import logging
-import sqlite3
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, closing
 from math import inf
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pytest
 from support.fake_zones import PERIOD, START, make_sample, make_update
-from support.postgres import Server
+from support.kept import Kept
 from support.running_zone import Announced, fed, finished, make, plumbing, straight
 from support.waiting import PATIENCE
 from support.zone_samples import comparable, sample
@@ -26,76 +22,10 @@ from service.records.sample import Sample
 from service.records.series import Stretch
 from service.store.checkpoint import Checkpoint
 from service.store.journal import REMEMBERED
-from service.store.journalling import JournalStore
-from service.store.postgres.leases import Leases
-from service.store.postgres.store import PostgresStore
 from service.store.retention import Limits
 from service.store.series import bucket_of
-from service.store.store import JOURNAL, Store
-
-Result = TypeVar("Result")
 
 DAY = 86_400
-_sites = itertools.count()
-
-
-class Kept:
-    """Where a store keeps what it has; it is opened again and again."""
-
-    def __init__(
-        self, open_one: Callable[[], JournalStore], damage: Callable[[int], None], change: Callable[[str], None]
-    ) -> None:
-        self.open = open_one
-        self.damage_checkpoint = damage
-        """Change a bit of the checkpoint of zone "z" at a step."""
-        self.change = change
-        """Run a statement of SQL beside the store, with {} before the name of a table."""
-
-    @asynccontextmanager
-    async def opened(self, zones: str = "z") -> AsyncIterator[JournalStore]:
-        """The store, open, with zones that are claimed with the fingerprint "f"."""
-        store = self.open()
-        try:
-            for zone in zones:
-                await store.claim(zone, "f")
-            yield store
-        finally:
-            store.close()
-
-
-@pytest.fixture(params=["sqlite", "postgres"])
-def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Kept]:
-    if request.param == "sqlite":
-
-        def damage(step: int) -> None:
-            path = tmp_path / "checkpoints" / "z" / f"{step:012d}.npz"
-            content = bytearray(path.read_bytes())
-            content[len(content) // 2] ^= 1
-            path.write_bytes(content)
-
-        def change(statement: str) -> None:
-            with closing(sqlite3.connect(tmp_path / JOURNAL)) as connection, connection:
-                assert connection.execute(statement.format("")).rowcount == 1
-
-        yield Kept(lambda: Store(tmp_path), damage, change)
-        return
-    server: Server = request.getfixturevalue("postgres_server")
-    site = f"contract-{next(_sites)}"
-    leases = Leases(server.connection, site)
-
-    def damage(step: int) -> None:
-        server.run(
-            f'UPDATE "thermogate_{site}".checkpoints SET content = set_byte(content, length(content) / 2, '
-            f"get_byte(content, length(content) / 2) # 1) WHERE step = {step}"
-        )
-
-    # The same owner each time, as a daemon that is started again: an earlier epoch is over then.
-    yield Kept(
-        lambda: PostgresStore(server.connection, site, leases.acquire("shard", "contract", 600.0)),
-        damage,
-        lambda statement: server.run(statement.format(f'"thermogate_{site}".')),
-    )
-    leases.close()
 
 
 def bits(item: Sample) -> tuple[Any, ...]:

@@ -103,30 +103,14 @@ def warnings(caplog: pytest.LogCaptureFixture) -> list[str]:
     return [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
 
 
-def zeroed(content: bytes) -> bytes:
-    return bytes(len(content))
-
-
-def random_bytes(content: bytes) -> bytes:
-    return np.random.default_rng(len(content)).bytes(len(content))
-
-
-def empty(content: bytes) -> bytes:
-    return b""
-
-
-def half(content: bytes) -> bytes:
-    return content[: len(content) // 2]
-
-
-def all_but_a_byte(content: bytes) -> bytes:
-    return content[:-1]
-
-
-def a_page_zeroed(content: bytes) -> bytes:
-    return content[:4096] + bytes(min(4096, max(0, len(content) - 4096))) + content[8192:]
-
-
+DAMAGES: dict[str, Callable[[bytes], bytes]] = {
+    "zeroed": lambda content: bytes(len(content)),
+    "random bytes": lambda content: np.random.default_rng(len(content)).bytes(len(content)),
+    "empty": lambda content: b"",
+    "half": lambda content: content[: len(content) // 2],
+    "all but a byte": lambda content: content[:-1],
+    "a page zeroed": lambda content: content[:4096] + bytes(min(4096, max(0, len(content) - 4096))) + content[8192:],
+}
 FILES = {
     "journal": "journal.sqlite3",
     "log": "journal.sqlite3-wal",
@@ -135,7 +119,6 @@ FILES = {
     "oldest checkpoint": "checkpoints/z/000000002700.npz",
     "lock": "lock",
 }
-DAMAGES = (zeroed, random_bytes, empty, half, all_but_a_byte, a_page_zeroed)
 
 
 def test_without_damage_everything_is_there_in_silence(
@@ -145,15 +128,15 @@ def test_without_damage_everything_is_there_in_silence(
     assert start(tmp_path / "state", caplog) == (False, 40)
 
 
-@pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
+@pytest.mark.parametrize("damage", DAMAGES)
 @pytest.mark.parametrize("file", FILES)
 def test_a_damaged_file_is_healed_or_told(
-    file: str, damage: Callable[[bytes], bytes], crashed: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    file: str, damage: str, crashed: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     folder = tmp_path / "state"
     shutil.copytree(crashed, folder)
     path = folder / FILES[file]
-    path.write_bytes(damage(path.read_bytes()))
+    path.write_bytes(DAMAGES[damage](path.read_bytes()))
     outcome = start(folder, caplog)
     if file == "lock" or (file.endswith("checkpoint") and file != "newest checkpoint"):
         assert outcome == (False, 40), "it is not needed"
@@ -161,7 +144,7 @@ def test_a_damaged_file_is_healed_or_told(
         assert outcome == (True, 40), "the one before and the journal make it good"
     elif file == "log":
         # What is not there any more is as after an earlier crash; what is there and damaged is told.
-        assert outcome.said or damage in (empty, half, all_but_a_byte)
+        assert outcome.said or damage in ("empty", "half", "all but a byte")
         assert outcome.samples is not None
         assert outcome.samples >= 28
     else:

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import asyncio
 import errno
 import os
 import sqlite3
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, closing
-from functools import partial
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 from support.fake_zones import make_sample, make_update
+from support.kept import Kept
 from support.shards import Shards, checkpoint
 
 from service.errors import Fenced, JournalError, ServiceError
 from service.store.journal import _FINGERPRINTS, Journal
 from service.store.journalling import JournalStore
 from service.store.postgres.reading import read_site
-from service.store.reading import StoredState, read_state, stored_fingerprints
-from service.store.store import JOURNAL, Store
-
-Read = Callable[[], AbstractContextManager[StoredState]]
+from service.store.reading import read_state, stored_fingerprints
+from service.store.store import JOURNAL
 
 
 async def fill(store: JournalStore) -> None:
@@ -36,38 +32,24 @@ async def fill(store: JournalStore) -> None:
     await store.run(store.journal.flush)
 
 
-@pytest.fixture(params=["sqlite", "postgres"])
-def read(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Read]:
-    """The state, of which the newer checkpoint is damaged, and whose owner is still there."""
-    newer = make_sample(1).time
-    if request.param == "sqlite":
-        store: JournalStore = Store(tmp_path)
-        asyncio.run(fill(store))
-        (tmp_path / "checkpoints" / "z" / f"{newer:012d}.npz").write_bytes(b"\0")
-        yield partial(read_state, tmp_path)
-        store.close()
-        return
-    shards: Shards = request.getfixturevalue("shards")
-    asyncio.run(fill(shards.store()))
-    shards.sql(f"UPDATE {{}}.checkpoints SET content = '\\x00' WHERE step = {newer}")
-    yield partial(read_site, shards.connection, shards.site)
-
-
-def test_it_is_read_as_its_owner_has_written_it_and_left_so(read: Read) -> None:
-    for _ in range(2):
-        with read() as state:
-            assert state.zones() == {"z": "f"}
-            times = [sample.time for sample in state.journal.samples_after("z", None)]
-            assert times == [make_sample(step).time for step in (0, 1)]
-            assert state.journal.samples_ahead("z", times[0]) == 1
-            assert state.journal.last_sample_time("z") == times[1]
-            assert len(state.journal.history("z", None, None, 9)) == 2
-            found = state.checkpoint("z", "f")
-            assert found is not None
-            assert found.step == times[0], "the damaged one is left out"
-            assert state.checkpoint("z", "another") is None
-            with pytest.raises((Fenced, JournalError)):
-                state.journal.append_all([("z", make_sample(2))])
+async def test_it_is_read_as_its_owner_has_written_it_and_left_so(kept: Kept) -> None:
+    async with kept.opened("") as store:
+        await fill(store)
+        kept.damage_checkpoint(make_sample(1).time)
+        for _ in range(2):
+            with kept.read() as state:
+                assert state.zones() == {"z": "f"}
+                times = [sample.time for sample in state.journal.samples_after("z", None)]
+                assert times == [make_sample(step).time for step in (0, 1)]
+                assert state.journal.samples_ahead("z", times[0]) == 1
+                assert state.journal.last_sample_time("z") == times[1]
+                assert len(state.journal.history("z", None, None, 9)) == 2
+                found = state.checkpoint("z", "f")
+                assert found is not None
+                assert found.step == times[0], "the damaged one is left out"
+                assert state.checkpoint("z", "another") is None
+                with pytest.raises((Fenced, JournalError)):
+                    state.journal.append_all([("z", make_sample(2))])
 
 
 def test_what_is_not_there_is_refused_and_not_made(shards: Shards, tmp_path: Path) -> None:

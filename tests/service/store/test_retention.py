@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from support.fake_zones import make_sample, make_update
-from support.shards import Shards
+from support.kept import Kept
 
 from adapters.fields.times import written_time
 from adapters.reading import Quality, Reading
@@ -34,18 +34,15 @@ def journal(tmp_path: Path) -> Iterator[Journal]:
         yield opened
 
 
-@pytest.fixture(params=["sqlite", "postgres"])
-def either(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Journal:
+@pytest.fixture
+def either(kept: Kept, monkeypatch: pytest.MonkeyPatch) -> Iterator[Journal]:
     """A journal in a file or a database, whose limits on age are the same."""
-    if request.param == "sqlite":
-        found: Journal = request.getfixturevalue("journal")
-        return found
     monkeypatch.setattr(PostgresDatabase, "least_pruned", 0)
-    shards: Shards = request.getfixturevalue("shards")
-    store = shards.store()
+    store = kept.open()
     for zone in ("living", "bedroom"):
         store.journal.claim(zone, "f")
-    return store.journal
+    yield store.journal
+    store.close()
 
 
 def fill(journal: Journal, zone: str, steps: int) -> None:
