@@ -51,14 +51,14 @@ experiments: $(VENV)/.ready  ## the paper's experiments in full, with the built-
 	done
 
 load-modbus: $(VENV)/.ready  ## 50 Modbus devices x 100 registers polled each second for 10 minutes: misses, processor, memory
-	$(BIN)/python tests/integration/modbus_load.py --seconds 600
+	$(BIN)/python tests/integration/loads.py modbus --seconds 600
 
 load-mqtt: $(VENV)/.ready  ## 200 MQTT topics at 10 Hz for 10 minutes on a real broker: misses, processor, memory
-	$(BIN)/python tests/integration/mqtt_load.py --seconds 600
+	$(BIN)/python tests/integration/loads.py mqtt --seconds 600
 
 load-bacnet: $(VENV)/.ready  ## 20 BACnet devices x 50 points each 10 s for 10 minutes, subscribed and polled: misses, processor, memory
-	$(BIN)/python tests/integration/bacnet_load.py --seconds 600
-	$(BIN)/python tests/integration/bacnet_load.py --seconds 600 --polled
+	$(BIN)/python tests/integration/loads.py bacnet --seconds 600
+	$(BIN)/python tests/integration/loads.py bacnet --seconds 600 --polled
 
 golden: $(VENV)/.ready  ## tests/golden written anew: every payload and file as it now is; look at the difference before you commit it
 	THERMOGATE_GOLDEN=write $(BIN)/python -m pytest --quiet tests/test_golden.py tests/test_reference.py tests/adapters/test_kinds.py tests/service/config/test_mistakes.py

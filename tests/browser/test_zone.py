@@ -164,33 +164,27 @@ def with_gain(name: str) -> FakeZone:
     return zone
 
 
-def test_set_point_and_unmeasured_heat_are_drawn_where_they_are_known(serve: Any, visit: Any) -> None:
+def test_lines_are_drawn_where_they_are_known_and_named_and_hovering_tells_the_time_in_utc(
+    serve: Any, visit: Any
+) -> None:
     house = serve({"both": with_gain("both"), "none": running("none", 288)})
+    page = opened(visit, house, "none").page
+    titles = "document.querySelector('.plot.history').layout.annotations.map(({text}) => text)"
+    assert "set-point</extra>" not in str(series_of(page))
+    assert "W unmeasured" not in page.evaluate(titles)
     page = opened(visit, house, "both").page
     drawn = {str(one["hovertemplate"]).rpartition("<extra>")[2]: one["y"] for one in series_of(page)}
     assert {20.0, 21.0} <= set(drawn["set-point</extra>"])
     gain = [value for value in drawn["unmeasured heat</extra>"] if value is not None]
     assert (min(gain), max(gain)) == (100.0, 387.0)
-    titles = "document.querySelector('.plot.history').layout.annotations.map(({text}) => text)"
     assert "W unmeasured" in page.evaluate(titles)
-    assert serious(page) == []
-    page.goto(f"{house.url}/#/zone/none")
-    eventually(page, "document.querySelector('h1')?.textContent === 'none'")
-    eventually(page, f"{PLOTTED} >= 2")
-    assert "set-point</extra>" not in str(series_of(page))
-    assert "W unmeasured" not in page.evaluate(titles)
-
-
-def test_lines_are_named_and_hovering_tells_the_time_in_utc(serve: Any, visit: Any) -> None:
-    house = serve({"both": with_gain("both")})
-    page = opened(visit, house, "both").page
     names = ["forecast before", "measured", "set-point", "T_out", "T_adj", "u_heat", "unmeasured heat"]
     assert page.locator(".legend").first.locator("li").all_inner_texts() == names
     page.locator(".expert summary").click()
     eventually(page, "document.querySelector('.legend').textContent.endsWith('αgate')")
-    drawn = "document.querySelector('.plot.history .main-svg').getBoundingClientRect().height"
+    drawn_high = "document.querySelector('.plot.history .main-svg').getBoundingClientRect().height"
     whole = "document.querySelector('.plot.history').getBoundingClientRect().height"
-    assert page.evaluate(f"{drawn} === {whole}"), "two panels more are higher"
+    assert page.evaluate(f"{drawn_high} === {whole}"), "two panels more are higher"
     page.locator(".plan-box button", has_text="Off", has_not_text="until").click()
     eventually(page, "document.querySelectorAll('.legend')[1].textContent.endsWith('without the plan')")
     assert serious(page) == []
@@ -363,7 +357,7 @@ def test_the_plan_is_made_by_hand_and_the_fan_follows(visit: Any, house: Buildin
     page.wait_for_selector("text=With everything as it is now")
 
 
-def test_a_plan_moves_on_with_the_time(serve: Any, visit: Any) -> None:
+def test_off_until_seven_moves_on_with_the_time(serve: Any, visit: Any) -> None:
     house = serve({"living": running("living", 300)})
     page = opened(visit, house, before=lambda page: page.clock.install()).page
     page.wait_for_selector("text=With everything as it is now, the lowest is")
@@ -373,6 +367,9 @@ def test_a_plan_moves_on_with_the_time(serve: Any, visit: Any) -> None:
     page.locator(".plan-box input[type=time]").fill("07:00")
     page.locator(".plan-box button", has_text="Off until").click()
     page.wait_for_selector("text=Under this plan, the lowest is")
+    plan = [one for one in house.zones["living"].asked if one[0] == "fan" and one[3]][-1][3]["u_heat"]
+    assert (plan[:48], set(plan[48:])) == ([0.0] * 48, {5.5}), "four hours off"
+    assert page.locator(".plan-then").inner_text() == "From 07:00 on 5.5 W; drag the bars for something else."
     page.locator(first).nth(3).focus()
     for _ in range(24):
         house.step("living")
@@ -382,21 +379,6 @@ def test_a_plan_moves_on_with_the_time(serve: Any, visit: Any) -> None:
     heights = [one.get_attribute("aria-valuenow") for one in page.locator(first).all()]
     assert heights == ["0", "0", *["6"] * 22], "still off until seven"
     assert page.evaluate("document.activeElement.getAttribute('aria-label')") == "from Sun, May 4, 06:00"
-
-
-def test_off_until_six(visit: Any, house: Building) -> None:
-    page = opened(visit, house).page
-    page.wait_for_selector("text=With everything as it is now, the lowest is")
-    zone = house.zones["living"]
-    zone.asked.clear()
-    page.locator(".plan-box input[type=time]").fill("06:00")
-    page.locator(".plan-box button", has_text="Off until").click()
-    page.wait_for_selector("text=Under this plan, the lowest is")
-    plan = [one for one in zone.asked if one[0] == "fan" and one[3]][-1][3]["u_heat"]
-    # The newest sample ends at 01:00 UTC, which is 03:00 at the site: three hours off.
-    assert plan[:36] == [0.0] * 36
-    assert set(plan[36:]) == {5.5}
-    assert page.locator(".plan-then").inner_text() == "From 06:00 on 5.5 W; drag the bars for something else."
 
 
 def test_a_plan_that_is_refused_stands_beside_no_other_fan_and_is_forgotten_once_one_is_not(
@@ -425,24 +407,18 @@ def test_a_plan_that_is_refused_stands_beside_no_other_fan_and_is_forgotten_once
     page.wait_for_selector("[role=alert]", state="hidden")
 
 
-def test_a_room_whose_first_answer_fails_shows_with_the_next(visit: Any, house: Building) -> None:
+def test_a_room_that_cannot_be_shown_says_why(visit: Any, house: Building) -> None:
     def failing(page: Any) -> None:
         page.route("**/zones/living", lambda route: route.fulfill(status=503, body="busy"), times=1)
 
+    # The browser logs what is answered with an error.
     page = visit(house.url, "/#/zone/living", quiet=False, before=failing).page
     page.wait_for_selector("h1:has-text('living')")
     page.wait_for_selector("text=With everything as it is now, the lowest is")
-
-
-def test_a_room_without_a_sample_says_so(visit: Any, house: Building) -> None:
-    # The browser logs the 503 that this is.
-    page = visit(house.url, "/#/zone/attic", quiet=False).page
+    page.goto(f"{house.url}/#/zone/attic")
     page.wait_for_selector("text=There is no forecast yet.")
     page.wait_for_selector("text=no reading of T_out yet")
-
-
-def test_a_room_that_is_not_there_is_told(visit: Any, house: Building) -> None:
-    page = visit(house.url, "/#/zone/nowhere", quiet=False).page
+    page.goto(f"{house.url}/#/zone/nowhere")
     page.wait_for_selector("text=there is no zone 'nowhere'")
     page.locator("main a").click()
     page.wait_for_selector("tr[data-zone]")

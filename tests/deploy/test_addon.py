@@ -34,52 +34,30 @@ TOKEN = "of-the-supervisor"
 ATTIC = {"name": "attic", "thermostat": "climate.attic"}
 
 ELEMENT = r"^(bool|email|url|port|((str|password|int|float)(\([\d.]*,[\d.]*\))?)|match\(.*\)|list\(.+\))\??$"
+TEXT, YES = {"type": "string"}, {"const": True}
+FOLDERS = ["homeassistant_config", "addon_config", "share", "ssl", "media", "backup"]
+FOLDER_MAP = {"type": {"enum": FOLDERS}, "read_only": YES, "path": {"pattern": "^/"}}
+FIELDS = {"type": ["string", "object"], "pattern": ELEMENT, "additionalProperties": {"pattern": ELEMENT}}
 RULES: dict[str, Any] = {
     "type": "object",
     "required": ["name", "version", "slug", "description", "arch"],
     "additionalProperties": False,
     "properties": {
-        "name": {"type": "string"},
+        **dict.fromkeys(("name", "description", "panel_title"), TEXT),
+        **dict.fromkeys(("homeassistant_api", "ingress", "ingress_stream"), YES),
         "version": {"pattern": r"^\d+\.\d+\.\d+$"},
         "slug": {"pattern": "^[-_.A-Za-z0-9]+$"},
-        "description": {"type": "string"},
         "arch": {"items": {"enum": ["aarch64", "amd64"]}},
         "init": {"const": False},
         "services": {"items": {"pattern": "^(mqtt|mysql):(provide|want|need)$"}},
-        "homeassistant_api": {"const": True},
         "homeassistant": {"pattern": r"^\d{4}\.\d+\.\d+$"},
-        "map": {
-            "items": {
-                "required": ["type"],
-                "additionalProperties": False,
-                "properties": {
-                    "type": {"enum": ["homeassistant_config", "addon_config", "share", "ssl", "media", "backup"]},
-                    "read_only": {"const": True},
-                    "path": {"pattern": "^/"},
-                },
-            }
-        },
-        "ingress": {"const": True},
-        "ingress_stream": {"const": True},
+        "map": {"items": {"required": ["type"], "additionalProperties": False, "properties": FOLDER_MAP}},
         "panel_icon": {"pattern": "^mdi:"},
-        "panel_title": {"type": "string"},
         "backup": {"const": "cold"},
         "timeout": {"type": "integer", "minimum": 11, "maximum": 300},
         "options": {"type": "object"},
         "schema": {
-            "additionalProperties": {
-                "anyOf": [
-                    {"type": "string", "pattern": ELEMENT},
-                    {
-                        "type": "array",
-                        "items": {
-                            "type": ["string", "object"],
-                            "pattern": ELEMENT,
-                            "additionalProperties": {"pattern": ELEMENT},
-                        },
-                    },
-                ]
-            }
+            "additionalProperties": {"anyOf": [TEXT | {"pattern": ELEMENT}, {"type": "array", "items": FIELDS}]}
         },
     },
 }

@@ -58,47 +58,45 @@ def test_what_it_foresees_is_what_thermogate_forecasts_under_its_plan(mpc: Modul
     assert (np.abs(decision.temperatures - mean) < sd).all()
 
 
-def test_it_plans_as_far_as_the_trust_reaches(mpc: ModuleType, asking: Any) -> None:
-    far = mpc.decide(asking(ALL | {86400: "learning"}), settings(mpc), 20.0, False)
-    assert (far.by, len(far.plan)) == ("plan", 24)
-    assert "learning: so" in far.reason
-    gap = mpc.decide(asking(ALL | {3600: "untrusted"}), settings(mpc), 19.0, False)
+def test_it_plans_as_far_as_the_trust_reaches_and_doubt_of_the_next_hour_costs_a_margin(
+    mpc: ModuleType, asking: Any
+) -> None:
+    def decided(disturbed: bool = False, temperature: float = 20.0, **trusts: str) -> Any:
+        told = ALL | {int(lead.lstrip("s")): word for lead, word in trusts.items()}
+        return mpc.decide(asking(told, disturbed), settings(mpc), temperature, False)
+
+    far = decided(s86400="learning")
+    assert (far.by, len(far.plan), "learning: so" in far.reason) == ("plan", 24, True)
+    gap = decided(temperature=19.0, s3600="untrusted")
     assert (gap.by, gap.power) == ("thermostat", 4000.0)
     assert "not trusted for an hour (untrusted: so)" in gap.reason
-
-
-def test_doubt_of_the_next_hour_costs_a_margin(mpc: ModuleType, asking: Any) -> None:
-    told = settings(mpc)
-    sure = mpc.decide(asking(ALL), told, 20.0, False)
-    doubting = mpc.decide(asking(ALL | {3600: "doubtful"}), told, 20.0, False)
-    assert doubting.by == "plan"
-    assert "doubtful" in doubting.reason
+    sure, doubting = decided(), decided(s3600="doubtful")
+    assert (doubting.by, "doubtful" in doubting.reason) == ("plan", True)
     assert doubting.plan.sum() > sure.plan.sum()
-    # What is doubtful hours ahead can still be corrected.
-    later = mpc.decide(asking(ALL | {21600: "doubtful"}), told, 20.0, False)
-    assert np.allclose(later.plan, sure.plan)
-    # What acts on the room makes the interval wide, and so the margin: it is not counted twice.
-    disturbed = mpc.decide(asking(ALL | {3600: "doubtful"}, disturbed=True), told, 20.0, False)
-    assert np.allclose(disturbed.plan, sure.plan)
+    # What is doubtful hours ahead can still be corrected. What acts on the room makes the interval wide, and so the
+    # margin: it is not counted twice.
+    for harmless in (decided(s21600="doubtful"), decided(disturbed=True, s3600="doubtful")):
+        assert np.allclose(harmless.plan, sure.plan)
 
 
 def test_a_plan_stays_inside_the_band_by_what_is_uncertain(mpc: ModuleType, asking: Any) -> None:
-    plain, kept = (mpc.decide(asking(ALL), settings(mpc, sure=sure), 20.0, False) for sure in (0.0, 2.0))
-    (now,) = mpc.forecasts(asking(ALL), settings(mpc), [kept.plan])
+    def planned(sure: float, prices: Any = lambda steps: [0.3] * steps) -> Any:
+        decision = mpc.decide(asking(ALL), settings(mpc, sure=sure), 20.0, False, prices)
+        (now,) = mpc.forecasts(asking(ALL), settings(mpc), [decision.plan])
+        return decision, now.sd
+
+    (plain, _), (kept, sd) = planned(0.0), planned(2.0)
     assert plain.temperatures[8:].min() == pytest.approx(20.0, abs=1e-3)
-    assert kept.low == pytest.approx(20.0 + 2.0 * now.sd[0])
+    assert kept.low == pytest.approx(20.0 + 2.0 * sd[0])
     assert kept.temperatures[8:].min() == pytest.approx(kept.low, abs=1e-3)
 
-
-def test_what_is_stored_ahead_leaves_room_for_what_is_uncertain(mpc: ModuleType, asking: Any) -> None:
-    def prices(steps: int) -> list[float]:
+    def cheap_first(steps: int) -> list[float]:
         return [0.01] * 24 + [1.0] * (steps - 24)
 
-    bold, careful = (mpc.decide(asking(ALL), settings(mpc, sure=sure), 20.0, False, prices) for sure in (0.0, 2.0))
+    (bold, _), (careful, sd) = planned(0.0, cheap_first), planned(2.0, cheap_first)
     assert bold.temperatures.max() == pytest.approx(23.0, abs=1e-3)
-    (now,) = mpc.forecasts(asking(ALL), settings(mpc), [careful.plan])
     # What is uncertain later is left to later plans.
-    assert careful.temperatures[4:].max() == pytest.approx(23.0 - 2.0 * now.sd[12], abs=2e-3)
+    assert careful.temperatures[4:].max() == pytest.approx(23.0 - 2.0 * sd[12], abs=2e-3)
 
 
 def test_between_two_plans_the_planned_temperature_is_held(mpc: ModuleType, asking: Any) -> None:
@@ -144,9 +142,13 @@ def test_what_others_are_known_to_do_is_planned_with(mpc: ModuleType, asking: An
     assert icy.plan.sum() > mild.plan.sum()
 
 
-def test_the_thermostat_is_ready_when_the_night_setback_ends(mpc: ModuleType) -> None:
+def test_without_an_answer_it_is_a_thermostat_that_is_ready_when_the_night_setback_ends(mpc: ModuleType) -> None:
     def nobody(*_: Any) -> Any:
         raise OSError("connection refused")
+
+    for temperature, heating, power in ((19.9, False, 4e3), (20.1, False, 0.0), (20.1, True, 4e3), (20.4, True, 0.0)):
+        decision = mpc.decide(nobody, settings(mpc), temperature, heating)
+        assert decision[:3] == (power, "thermostat", "connection refused")
 
     def low(steps: int) -> list[float]:
         return [17.0, 17.0, 17.0, 20.0, 20.0][:steps]
@@ -154,18 +156,6 @@ def test_the_thermostat_is_ready_when_the_night_setback_ends(mpc: ModuleType) ->
     decision = mpc.decide(nobody, settings(mpc), 18.0, False, low=low)
     assert decision.power == 4000.0, "in an hour it has to be 20 degC"
     assert mpc.decide(nobody, settings(mpc), 18.0, False, low=lambda steps: [17.0] * steps).power == 0.0
-
-
-@pytest.mark.parametrize(
-    ("temperature", "heating", "power"),
-    [(19.9, False, 4000.0), (20.1, False, 0.0), (20.1, True, 4000.0), (20.4, True, 0.0)],
-)
-def test_without_an_answer_it_is_a_thermostat(mpc: ModuleType, temperature: float, heating: bool, power: float) -> None:
-    def nobody(*_: Any) -> Any:
-        raise OSError("connection refused")
-
-    decision = mpc.decide(nobody, settings(mpc), temperature, heating)
-    assert decision[:3] == (power, "thermostat", "connection refused")
 
 
 def test_without_a_measurement_it_goes_on_as_before_the_measurement_was_lost(mpc: ModuleType) -> None:
@@ -188,13 +178,7 @@ def test_without_a_measurement_it_goes_on_as_before_the_measurement_was_lost(mpc
     assert memory.blind(2 * day + 5400.0)[:2] == (7.0, "day before")
 
 
-def test_a_zone_that_has_just_begun_is_left_to_the_thermostat(mpc: ModuleType, asking: Any) -> None:
-    decision = mpc.decide(asking(), mpc.Settings("new"), 19.0, False)
-    assert decision.by == "thermostat"
-    assert "learning" in decision.reason
-
-
-def test_a_power_beyond_what_is_installed_falls_back_with_the_sentence(mpc: ModuleType, asking: Any) -> None:
+def test_what_thermogate_refuses_falls_back_with_the_sentence(mpc: ModuleType, asking: Any) -> None:
     def ask(method: str, path: str, body: Any = None) -> Any:
         if body is not None:
             body["plans"][0]["inputs"]["office"]["u_heat"] = 9000.0
@@ -202,6 +186,9 @@ def test_a_power_beyond_what_is_installed_falls_back_with_the_sentence(mpc: Modu
 
     decision = mpc.decide(ask, settings(mpc), 19.0, False)
     assert "plans 9000 W; 0 to 4000 W can be planned" in decision.reason
+    # A zone that has just begun is left to the thermostat.
+    decision = mpc.decide(asking(), mpc.Settings("new"), 19.0, False)
+    assert (decision.by, "learning" in decision.reason) == ("thermostat", True)
 
 
 def test_it_runs_against_a_daemon(mpc: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
+from integration.loads import PROGRAMS
+
+SMALL: dict[str, dict[str, Any]] = {
+    "modbus": {"devices": 5, "registers": 100, "poll": 0.5},
+    "bacnet": {"devices": 4, "objects": 50, "poll": 0.5},
+    "mqtt": {"topics": 50, "rate": 10.0},
+}
 
 
-def test_of_a_few_modbus_devices_every_poll_brings_every_register() -> None:
-    from integration.modbus_load import measure
-
-    load = measure(devices=5, registers=100, seconds=2.0, poll=0.5)
-    assert load.polls > 0
-    assert load.readings == load.polls * 100
-
-
-def test_of_a_few_bacnet_devices_every_poll_brings_every_object() -> None:
-    pytest.importorskip("bacpypes3", reason="bacpypes3 is not installed")
-    from integration.bacnet_load import measure
-
-    load = measure(devices=4, objects=50, seconds=2.0, poll=0.5)
-    assert load.polls > 0
-    assert load.readings == load.polls * 50
-
-
-def test_of_many_topics_every_message_becomes_a_reading() -> None:
-    from integration.mqtt_load import measure
-
-    load = measure(topics=50, rate=10.0, seconds=2.0)
-    assert load.sent == 50 * 20
-    assert (load.missed, load.doubled) == (0, 0)
+@pytest.mark.parametrize("kind", SMALL)
+def test_every_poll_and_every_message_brings_its_readings(kind: str) -> None:
+    if kind == "bacnet":
+        pytest.importorskip("bacpypes3", reason="bacpypes3 is not installed")
+    load = PROGRAMS[kind][0](seconds=2.0, **SMALL[kind])
+    assert load.readings == load.expected > 0
+    if kind == "mqtt":
+        assert (load.asked, load.missed) == (50 * 20, 0)

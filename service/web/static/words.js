@@ -77,7 +77,3 @@ export function originText({ origin, source, age_s: age, quality }) {
   const text = has(`origin.${origin}`) ? t(`origin.${origin}`, { source, age: duration(age) }) : origin;
   return origin === "weather" && quality !== "good" ? `${text}, ${t("origin.part")}` : text;
 }
-
-export function expectedText(one) {
-  return one ? `${celsius(one.mean)} (${number(one.lower, 1)} … ${number(one.upper, 1)})` : "–";
-}

@@ -7,13 +7,14 @@ import json
 import os
 import re
 import subprocess
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
 from custom_components.thermogate import async_remove_config_entry_device
+from custom_components.thermogate.client import DaemonError, KeyRefused, Unreachable
 from custom_components.thermogate.coordinator import Coordinator, client_of
 from custom_components.thermogate.diagnostics import async_get_config_entry_diagnostics
 from custom_components.thermogate.room import Room
@@ -53,6 +54,14 @@ def _house(hass: HomeAssistant) -> None:
     hass.states.async_set("sensor.valve", "25", {"unit_of_measurement": "%"})
 
 
+@pytest.fixture(autouse=True)
+async def _unloaded(hass: HomeAssistant) -> AsyncIterator[None]:
+    yield
+    for entry in hass.config_entries.async_entries(DOMAIN):
+        if entry.state is ConfigEntryState.LOADED:
+            await hass.config_entries.async_unload(entry.entry_id)
+
+
 async def until(hass: HomeAssistant, found: Callable[[], Any]) -> Any:
     """What `found` returns, as soon as that is true."""
     async with asyncio.timeout(120):
@@ -72,11 +81,16 @@ def known(hass: HomeAssistant, sensor: str) -> bool:
     return state(hass, sensor) not in ("gone", "unknown", "unavailable")
 
 
+async def told(hass: HomeAssistant, shown: dict[str, Any], data: dict[str, Any]) -> dict[str, Any]:
+    """What follows a form that is filled in."""
+    return await hass.config_entries.flow.async_configure(shown["flow_id"], data)
+
+
 async def begin(hass: HomeAssistant, room: dict[str, Any] = ROOM) -> dict[str, Any]:
     """The flow up to the form of the daemon."""
     flow = await hass.config_entries.flow.async_init(DOMAIN, context={"source": SOURCE_USER})
     assert (flow["type"], flow["step_id"]) == (FlowResultType.FORM, "user")
-    return await hass.config_entries.flow.async_configure(flow["flow_id"], room)
+    return await told(hass, flow, room)
 
 
 async def connected(hass: HomeAssistant, data: dict[str, Any] = DAEMON, **room: Any) -> MockConfigEntry:
@@ -121,7 +135,7 @@ def issues(hass: HomeAssistant) -> dict[str, str | None]:
 async def test_a_room_that_cannot_be_measured(hass: HomeAssistant, wrong: dict, errors: dict[str, str]) -> None:
     shown = await begin(hass, ROOM | wrong)
     assert (shown["step_id"], shown["errors"]) == ("user", errors)
-    again = await hass.config_entries.flow.async_configure(shown["flow_id"], ROOM)
+    again = await told(hass, shown, ROOM)
     assert again["step_id"] == "daemon", "nothing that was entered is lost"
 
 
@@ -141,10 +155,10 @@ async def test_a_daemon_that_does_not_do(hass: HomeAssistant) -> None:
         ({"api_key": "tg_wrong"}, "invalid_auth", "key"),
         ({"api_key": SITE["reader"]}, "invalid_auth", "this needs an API key for write"),
     ):
-        shown = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON | wrong)
+        shown = await told(hass, shown, DAEMON | wrong)
         assert shown["errors"] == {"base": error}
         assert problem in shown["description_placeholders"]["problem"]
-    done = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON)
+    done = await told(hass, shown, DAEMON)
     assert (done["type"], done["title"]) == (FlowResultType.CREATE_ENTRY, "home")
     assert done["options"]["rooms"]["living"]["climate"] == "climate.living"
 
@@ -152,17 +166,17 @@ async def test_a_daemon_that_does_not_do(hass: HomeAssistant) -> None:
 async def test_a_zone_is_pasted_and_the_daemon_takes_it(hass: HomeAssistant) -> None:
     room = ROOM | {"zone": "attic", "heating": "sensor.valve", "power": 800}
     shown = await begin(hass, room)
-    shown = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON)
+    shown = await told(hass, shown, DAEMON)
     assert shown["errors"] == {"base": "zone_unknown"}
     assert shown["description_placeholders"]["problem"] == "attic/T_i, attic/T_out, attic/u_heat"
     file, text = Path(SITE["file"]), shown["description_placeholders"]["toml"]
     before, zone = file.read_text(), text[text.index("[[zones]]") :]
     file.write_text(before + zone.replace('"degC"', '"banana"', 1))
-    shown = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON)
+    shown = await told(hass, shown, DAEMON)
     assert shown["errors"] == {"base": "reload_refused"}
     assert "banana" in shown["description_placeholders"]["problem"]
     file.write_text(before + zone)
-    done = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON)
+    done = await told(hass, shown, DAEMON)
     assert done["type"] == FlowResultType.CREATE_ENTRY
     (entry,) = hass.config_entries.async_entries(DOMAIN)
     assert coordinator(hass, entry).taken["accepted"] == 4, "with the set-point"
@@ -171,7 +185,7 @@ async def test_a_zone_is_pasted_and_the_daemon_takes_it(hass: HomeAssistant) -> 
     (file.parent / "history.toml").write_text(shown["description_placeholders"]["history"])
     # A second room of the same daemon joins its entry, where the first one is kept.
     joined = await begin(hass)
-    joined = await hass.config_entries.flow.async_configure(joined["flow_id"], DAEMON)
+    joined = await told(hass, joined, DAEMON)
     assert (joined["type"], joined["reason"]) == (FlowResultType.ABORT, "room_added")
     assert entry.options["rooms"].keys() == {"attic", "living"}
     await until(hass, lambda: known(hass, "state"))
@@ -182,7 +196,6 @@ async def test_a_zone_is_pasted_and_the_daemon_takes_it(hass: HomeAssistant) -> 
     await hass.async_block_till_done()
     assert entry.options["rooms"].keys() == {"living"}
     await until(hass, lambda: rooms(hass, entry).keys() == {"living"} and known(hass, "state"))
-    await hass.config_entries.async_unload(entry.entry_id)
 
 
 async def test_a_room_with_forecasts(hass: HomeAssistant) -> None:
@@ -259,7 +272,6 @@ async def test_fahrenheit(hass: HomeAssistant) -> None:
     shown = hass.states.get("sensor.thermogate_living_forecast_1h_ahead")
     assert shown.attributes["unit_of_measurement"] == "°F"
     assert 50 < shown.attributes["lower"] < float(shown.state) < 90
-    await hass.config_entries.async_unload(entry.entry_id)
 
 
 @pytest.mark.parametrize(
@@ -322,12 +334,6 @@ async def test_an_outage_is_logged_once_and_passes(hass: HomeAssistant, caplog: 
     await here.async_refresh()
     assert state(hass, "state") == "running"
     assert here.taken["accepted"] == 12, "the last three posts"
-    await hass.config_entries.async_unload(entry.entry_id)
-
-
-async def test_a_daemon_that_is_away_at_the_start_is_tried_again(hass: HomeAssistant) -> None:
-    entry = await connected(hass, DAEMON | {"url": GONE})
-    assert entry.state is ConfigEntryState.SETUP_RETRY
 
 
 async def test_a_revoked_key_is_asked_for_again(hass: HomeAssistant) -> None:
@@ -341,32 +347,31 @@ async def test_a_revoked_key_is_asked_for_again(hass: HomeAssistant) -> None:
         await asyncio.sleep(0.05)
     (flow,) = hass.config_entries.flow.async_progress()
     assert (flow["context"]["source"], flow["step_id"]) == ("reauth", "reconnect")
-    shown = await hass.config_entries.flow.async_configure(flow["flow_id"], DAEMON | {"api_key": SITE["short"]})
+    shown = await told(hass, flow, DAEMON | {"api_key": SITE["short"]})
     assert shown["errors"] == {"base": "invalid_auth"}
-    done = await hass.config_entries.flow.async_configure(flow["flow_id"], DAEMON)
+    done = await told(hass, flow, DAEMON)
     assert done["reason"] == "reauth_successful"
     await until(hass, lambda: state(hass, "state") == "running")
     assert entry.options["rooms"].keys() == {"living"}
-    await hass.config_entries.async_unload(entry.entry_id)
 
 
 async def test_the_daemon_has_moved(hass: HomeAssistant) -> None:
     """Another address for the same site; another site, and what refuses, are no such address."""
     entry = await connected(hass, DAEMON | {"url": GONE})
+    assert entry.state is ConfigEntryState.SETUP_RETRY, "one that is away at the start is tried again"
     asked = {"source": "reconfigure", "entry_id": entry.entry_id}
     shown = await hass.config_entries.flow.async_init(DOMAIN, context=asked)
     assert shown["step_id"] == "reconnect"
     for url, error in ((GONE, "cannot_connect"), (SITE["url"] + "/page", "refused")):
-        shown = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON | {"url": url})
+        shown = await told(hass, shown, DAEMON | {"url": url})
         assert shown["errors"] == {"base": error}
     hass.config_entries.async_update_entry(entry, unique_id="elsewhere")
-    shown = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON)
+    shown = await told(hass, shown, DAEMON)
     assert shown["errors"] == {"base": "another_site"}
     hass.config_entries.async_update_entry(entry, unique_id="home")
-    done = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON)
+    done = await told(hass, shown, DAEMON)
     assert done["reason"] == "reauth_successful"
     await until(hass, lambda: rooms(hass, entry) and known(hass, "state"))
-    await hass.config_entries.async_unload(entry.entry_id)
 
 
 async def test_what_the_daemon_cannot_use_is_refused(hass: HomeAssistant) -> None:
@@ -376,10 +381,10 @@ async def test_what_the_daemon_cannot_use_is_refused(hass: HomeAssistant) -> Non
     shed = "\n[[zones]]\n" + shed.replace('"living"', '"shed"').replace('unit = "W"', 'unit = "kW"')
     file.write_text(file.read_text() + shed)
     shown = await begin(hass, ROOM | {"zone": "shed"})
-    shown = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON)
+    shown = await told(hass, shown, DAEMON)
     assert shown["errors"] == {"base": "refused"}
     assert shown["description_placeholders"]["problem"] == "wrong_unit"
-    shown = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON | {"url": SITE["url"] + "/page"})
+    shown = await told(hass, shown, DAEMON | {"url": SITE["url"] + "/page"})
     assert shown["errors"] == {"base": "refused"}
 
 
@@ -392,7 +397,6 @@ async def test_a_stream_whose_key_is_refused_ends(hass: HomeAssistant) -> None:
     (flow,) = hass.config_entries.flow.async_progress()
     assert flow["context"]["source"] == "reauth"
     assert state(hass, "state") == "unavailable"
-    await hass.config_entries.async_unload(entry.entry_id)
 
 
 async def test_another_entity_is_chosen_later(hass: HomeAssistant) -> None:
@@ -419,7 +423,6 @@ async def test_another_entity_is_chosen_later(hass: HomeAssistant) -> None:
     assert 'id = "cellar"' in shown["description_placeholders"]["toml"]
     shown = await hass.config_entries.options.async_configure(shown["flow_id"], {})
     assert shown["errors"] == {"base": "zone_unknown"}
-    await hass.config_entries.async_unload(entry.entry_id)
 
 
 @pytest.mark.parametrize("language", ["en", "de"])
@@ -435,5 +438,6 @@ def test_every_text_is_there(language: str) -> None:
     assert leaves(texts) == leaves(english)
     flow = (folder / "config_flow.py").read_text()
     errors = set(re.findall(r'= "(no_\w+|zone_name)"', flow)) | set(re.findall(r'return "(\w+)", ', flow))
+    errors |= {kind.form_error for kind in (DaemonError, KeyRefused, Unreachable)}
     assert errors <= texts["config"]["error"].keys()
-    assert errors - {"invalid_auth"} <= texts["options"]["error"].keys() | {"cannot_connect"}
+    assert errors <= texts["options"]["error"].keys()

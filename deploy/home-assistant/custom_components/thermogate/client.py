@@ -20,13 +20,20 @@ LONGEST_LINE = 2**20
 class DaemonError(Exception):
     """The daemon did not do what was asked; one sentence, for people."""
 
+    form_error = "refused"
+    """Its key in the texts of the forms."""
+
 
 class Unreachable(DaemonError):
     """No daemon answers."""
 
+    form_error = "cannot_connect"
+
 
 class KeyRefused(DaemonError):
     """The key is unknown, revoked or expired, or its scope is not admin."""
+
+    form_error = "invalid_auth"
 
 
 class Refused(DaemonError):

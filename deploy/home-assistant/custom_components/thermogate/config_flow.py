@@ -14,7 +14,7 @@ from homeassistant.core import HomeAssistant, callback
 from homeassistant.helpers import selector
 from homeassistant.util import dt, slugify
 
-from .client import Client, DaemonError, KeyRefused, Refused, Unreachable
+from .client import Client, DaemonError, Refused
 from .coordinator import DOMAIN, ROOMS, client_of, not_taken
 from .room import SWITCHES, Room, site_tables
 
@@ -81,12 +81,8 @@ async def introduce(hass: HomeAssistant, client: Client, room: Room) -> tuple[st
             except Refused as error:
                 return "reload_refused", str(error)
             taken = await _posted(client, body)
-    except KeyRefused as error:
-        return "invalid_auth", str(error)
-    except Unreachable as error:
-        return "cannot_connect", str(error)
     except DaemonError as error:
-        return "refused", str(error)
+        return error.form_error, str(error)
     if unknown := not_taken(taken):
         return "zone_unknown", ", ".join(unknown)
     if refused := taken["refused"].keys() & {"wrong_unit", "out_of_range"}:
@@ -172,11 +168,17 @@ class ThermogateFlow(ConfigFlow, domain=DOMAIN):
         assert entry is not None
         error, problem = None, ""
         if user_input is not None:
-            error, problem, site = await _asked(client_of(self.hass, user_input))
-            if error is None and site != entry.unique_id:
+            client = client_of(self.hass, user_input)
+            try:
+                # A key that only reads would do for the second question.
+                await client.ask("POST", "/readings", {"readings": []})
+                site = (await client.ask("GET", "/zones"))["site"]
+            except DaemonError as refusal:
+                error, problem = refusal.form_error, str(refusal)
+            else:
+                if site == entry.unique_id:
+                    return self.async_update_reload_and_abort(entry, data=user_input, reason="reauth_successful")
                 error, problem = "another_site", str(site)
-            if error is None:
-                return self.async_update_reload_and_abort(entry, data=user_input, reason="reauth_successful")
         shown = user_input or {name: entry.data[name] for name in (CONF_URL, CONF_VERIFY_SSL)}
         return self.async_show_form(
             step_id="reconnect",
@@ -184,20 +186,6 @@ class ThermogateFlow(ConfigFlow, domain=DOMAIN):
             errors={} if error is None else {"base": error},
             description_placeholders={"problem": problem},
         )
-
-
-async def _asked(client: Client) -> tuple[str | None, str, str]:
-    """An error of the form (None: nothing is wrong) with a sentence, and the site of the daemon."""
-    try:
-        # A key that only reads would do for the second question.
-        await client.ask("POST", "/readings", {"readings": []})
-        return None, "", (await client.ask("GET", "/zones"))["site"]
-    except KeyRefused as error:
-        return "invalid_auth", str(error), ""
-    except Unreachable as error:
-        return "cannot_connect", str(error), ""
-    except DaemonError as error:
-        return "refused", str(error), ""
 
 
 class RoomsFlow(OptionsFlow):
