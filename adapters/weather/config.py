@@ -13,7 +13,7 @@ from adapters.fields.tables import TABLE
 from adapters.fields.values import FilePath, PositiveDuration, Text, choice
 from adapters.weather.forecast import MEANS, WeatherSource
 from adapters.weather.heard import HeardForecasts
-from adapters.weather.polled import PolledAddress, csv_file, json_file
+from adapters.weather.polled import csv_file, json_address, json_file
 from adapters.zenoh.connection import Mode, SessionConfig
 
 _DAY = 86400.0
@@ -85,7 +85,7 @@ class OpenMeteoConfig(WeatherConfig):
     def build(self, name: str, series: tuple[str, ...]) -> WeatherSource:
         """The source called `name`."""
         if self.url is not None:
-            return PolledAddress(name, self.url, self.refresh)
+            return json_address(name, self.url, self.refresh)
         return json_file(name, self.file or Path(), min(self.refresh, 60.0))
 
 

@@ -9,8 +9,7 @@ from contextlib import suppress
 from zoneinfo import ZoneInfo
 
 import numpy as np
-from fuzz.fuzzing import folder, raw, structured
-from hypothesis import strategies as st
+from fuzz.fuzzing import folder, raw
 from support.sources import recording
 
 from adapters.csv.cells import Status, parse_numbers
@@ -19,7 +18,6 @@ from adapters.errors import SourceConfigError, SourceError
 from adapters.fields.durations import format_duration, parse_duration
 from adapters.reading import Quality, Reading
 from adapters.timestamps import EARLIEST, LATEST, timestamp_parser
-from adapters.units import conversion
 
 BERLIN = ZoneInfo("Europe/Berlin")
 FOLDER = folder()
@@ -106,28 +104,8 @@ def test_duration(data: bytes) -> None:
         assert parse_duration(format_duration(seconds)) == seconds
 
 
-@raw(b"degC", b"kWh", b"%", b"BTU/h", examples=100)
-def test_unit(data: bytes) -> None:
-    unit = data.decode("utf-8", "replace")
-    for wanted in ("degC", "W", "W/m2", "1", "%", "people"):
-        for nominal in (None, 2000.0):
-            with suppress(SourceConfigError):
-                assert all(map(math.isfinite, conversion(unit, wanted, nominal)))
-
-
 @raw(b"%d.%m.%Y %H:%M:%S", b"%Y-%j", b"%", b"%Q", b"%s", examples=150)
 def test_timestamp_pattern(data: bytes) -> None:
     with suppress(SourceConfigError):
         parse = timestamp_parser(data.decode("utf-8", "replace"))
         parse_timestamps(["01.02.2025 10:00:00", "2025-02-01", ""], parse)
-
-
-@structured(
-    examples=100,
-    seconds=st.floats(0, 36525 * 86400, allow_nan=False),
-    other=st.one_of(st.integers(), st.floats(), st.booleans(), st.none(), st.lists(st.integers())),
-)
-def test_numbers_as_durations(seconds: float, other: object) -> None:
-    assert parse_duration(format_duration(seconds)) == seconds
-    with suppress(ValueError):
-        assert 0 <= parse_duration(other) <= 36525 * 86400

@@ -7,7 +7,6 @@ import pytest
 from support.sources import recording
 
 from adapters.errors import SourceUnavailable
-from adapters.reading import Fault
 
 METER = {"id": "z/u", "column": "E", "unit": "kWh", "to": "W"}
 
@@ -32,19 +31,8 @@ def powers(csv_source, start=None):
 ROWS = "0,10,1\n900,10.5,1\n1800,10.5,1\n2700,,1\n3600,11.5,1\n"
 
 
-def test_a_counter_becomes_the_power_of_the_stretch_that_begins_at_a_row(tmp_path):
-    assert powers(source(tmp_path, ROWS)) == [(0.0, 2000.0), (900.0, 0.0), (1800.0, 2000.0)]
-
-
 def test_it_counts_on_from_file_to_file(tmp_path):
     assert powers(source(tmp_path, "0,10,1\n", "900,10.5,1\n")) == [(0.0, 2000.0)]
-
-
-def test_a_new_meter_is_a_fault_and_no_huge_power(tmp_path):
-    assert powers(source(tmp_path, "0,9000,1\n900,0,1\n1800,0.25,1\n")) == [
-        (0.0, Fault.COUNTER_RESET),
-        (900.0, 1000.0),
-    ]
 
 
 def test_a_start_in_the_middle_has_the_power_from_there_on(tmp_path):

@@ -87,11 +87,6 @@ def test_files_as_loggers_write_them(tmp_path, name, text, settings):
     assert values(windows) == [(utc("2025-05-03"), 20.5)]
 
 
-def test_an_unnamed_first_column_can_be_the_timestamp(tmp_path):
-    path = write(tmp_path / "a.csv", ",T\n2025-05-03T00:00:00Z,20.5\n")
-    assert values(source(path, column="")) == [(utc("2025-05-03"), 20.5)]
-
-
 def test_columns_are_summed_then_scaled_then_converted(tmp_path):
     path = write(tmp_path / "a.csv", "t,a,b\n0,0.5,0.25\n10,1,\n20,x,1\n30,,x\n40,1,1\n")
     heat = {

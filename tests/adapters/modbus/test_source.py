@@ -13,7 +13,7 @@ from support.modbus_plant import READS, channel, collect, plant, serving, source
 
 import adapters.modbus.source
 from adapters.errors import SourceUnavailable
-from adapters.reading import Fault, Quality
+from adapters.reading import Fault
 
 
 def values(batches):
@@ -202,14 +202,6 @@ async def test_a_hole_between_the_registers_costs_no_channel():
     assert found == {"z/a": 3.0, "z/b": 6.0}
 
 
-async def test_an_end_of_the_table_is_found_by_splitting():
-    async with serving(plant(holding=[10, 11, 12])) as site:
-        bms = source(site.port, [channel(f"c{k}", k) for k in range(5)])
-        found = values(await collect(bms, lambda batches: len(values(batches)) == 5))
-    assert [found[f"z/c{k}"] for k in range(3)] == [10.0, 11.0, 12.0]
-    assert found["z/c3"] is found["z/c4"] is Fault.REFUSED_BY_DEVICE
-
-
 async def test_a_silent_unit_does_not_hold_up_the_others(caplog):
     with caplog.at_level("INFO"):
         site = plant({1: [21], 2: [22], 3: [23]})
@@ -292,28 +284,6 @@ async def test_garbage_on_the_line_is_survived():
         await hung_up.wait()
 
 
-async def test_values_that_cannot_be_used_have_a_fault():
-    async with serving(plant(holding=[0x8000, 0x7FC0, 0, 900])) as site:
-        channels = [
-            channel("absent", 0, not_available=[0x8000], unit="degC"),
-            channel("nan", 1, "float32", unit="degC"),
-            channel("hot", 3, unit="degC"),
-        ]
-        found = values(await rounds(source(site.port, channels), 1))
-    assert found == {"z/absent": Fault.NOT_AVAILABLE, "z/nan": Fault.NOT_FINITE, "z/hot": Fault.OUT_OF_RANGE}
-
-
-async def test_a_stuck_value_becomes_uncertain_and_then_bad():
-    async with serving(plant(holding=[21, 22])) as site:
-        bms = source(site.port, [channel("stuck", 0, stuck_after=1.0), channel("free", 1)])
-        batches = await collect(
-            bms, lambda batches: any(reading.fault is Fault.STUCK for reading in batches[-1].readings)
-        )
-        seen = [reading for batch in batches for reading in batch.readings]
-        found = [list(dict.fromkeys(r.quality for r in seen if r.channel == f"z/{name}")) for name in ("stuck", "free")]
-    assert found == [[Quality.GOOD, Quality.UNCERTAIN, Quality.BAD], [Quality.GOOD]]
-
-
 async def test_requests_keep_their_pause():
     async with serving(plant(holding=list(range(10)))) as site:
         channels = [channel(f"c{k}", k) for k in range(4)]
@@ -359,17 +329,3 @@ async def test_a_probe_shows_registers_values_and_what_else_they_might_be():
     assert silent.verdict == silent_too.verdict == "no answer within 0.2 s; check unit_id and the device"
     assert asked == 1, "a silent unit is asked once"
     assert meter.hints == ("the counter stands at 21.5", "it moved by 0 within 1.0 s")
-
-
-async def test_a_probe_marks_the_order_that_would_be_plausible():
-    async with serving(plant(holding=[0xA041, 0x00CC])) as site:
-        (probe,) = await source(site.port, [channel("T", 0, "float32", unit="degC")]).probe(1.0)
-    assert probe.verdict == "doubtful: nearly but not quite 0, as numbers with swapped registers are"
-    assert [hint for hint in probe.hints if "plausible" in hint] == ["BADC would be 20.0996, which is plausible"]
-
-
-async def test_a_probe_of_a_value_out_of_range_says_the_range_and_the_other_orders():
-    async with serving(plant(holding=[0x4B41, 0xC0AC])) as site:
-        (probe,) = await source(site.port, [channel("T", 0, "float32", unit="degC")]).probe(1.0)
-    assert probe.verdict == "implausible: not within -60 to 80"
-    assert len(probe.hints) == 3

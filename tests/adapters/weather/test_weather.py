@@ -22,7 +22,7 @@ from adapters.errors import SourceUnavailable
 from adapters.weather.document import LONGEST, parse
 from adapters.weather.forecast import WeatherForecast, WeatherSeries
 from adapters.weather.heard import HeardForecasts
-from adapters.weather.polled import PolledAddress, csv_file, json_file
+from adapters.weather.polled import csv_file, json_address, json_file
 from adapters.zenoh.connection import SessionConfig
 
 NOON = 1_769_860_800.0  # 2026-01-31T12:00:00Z
@@ -198,7 +198,7 @@ def test_an_address_is_asked_again_and_again(service: str) -> None:
     async def twice(forecasts: AsyncIterator[WeatherForecast]) -> list[WeatherForecast]:
         return [await anext(forecasts), await anext(forecasts)]
 
-    one, two = first(PolledAddress("outlook", service, 0.01), twice)
+    one, two = first(json_address("outlook", service, 0.01), twice)
     assert one.series["temperature_2m"].values.tolist() == [3.0, 5.0]
     assert two.issued == NOON
 
@@ -206,10 +206,10 @@ def test_an_address_is_asked_again_and_again(service: str) -> None:
 def test_an_address_that_refuses_or_is_not_there_is_named(service: str) -> None:
     _Service.answers = [(429, b"later")]
     with pytest.raises(SourceUnavailable, match=r"weather.outlook: the address answers 429 Too Many Requests"):
-        first(PolledAddress("outlook", service, 60))
+        first(json_address("outlook", service, 60))
     nobody = f"http://127.0.0.1:{free_port()}/"
     with pytest.raises(SourceUnavailable, match=r"weather.outlook: the address cannot be reached"):
-        first(PolledAddress("outlook", nobody, 60))
+        first(json_address("outlook", nobody, 60))
 
 
 @contextmanager

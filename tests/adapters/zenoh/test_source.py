@@ -165,20 +165,6 @@ async def test_a_publisher_that_restarts_is_heard_again_with_what_it_published_b
         assert f"no Zenoh session answers at {place}; start it, or correct the address" in heard.failures[0]
 
 
-async def test_a_session_that_is_opened_anew_passes_over_what_was_had(monkeypatch: pytest.MonkeyPatch) -> None:
-    place = endpoint()
-    with session(listen=place) as bms:
-        publisher = caching_publisher(bms, "bms/room/T")
-        publisher.put("1")
-        ours = source(place, recover=60.0)
-        for expected in ([1.0], [2.0]):
-            async with listening(ours) as heard:
-                await heard.until(lambda heard=heard: heard.values())
-                await asyncio.sleep(0.2)
-                assert heard.values() == expected
-            publisher.put("2")
-
-
 def verdict(connection: str | Keys, **keys: Any) -> str:
     """ "connected", or why not."""
 
