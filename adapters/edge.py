@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, nan
 from time import monotonic
@@ -61,13 +61,24 @@ class Edge:
 PLAIN = Edge()
 
 
-def newest(channel: str, place: str, edge: Edge, raw: float, when: float) -> Probe:
-    """What a person should know of the newest value of a recording, which it has at `when` (UTC s)."""
-    known = isfinite(raw)
-    value = edge.value(raw) if known and not edge.counter else None
-    doubt = None if value is None else edge.doubt(value)
-    hints = ("a counter: its differences become power",) if edge.counter else ()
-    return Probe(channel, place, f"{raw:g}", value, when, doubt or ("good" if known else "not a number"), hints)
+def looked_at(
+    channel: str,
+    place: str,
+    edge: Edge,
+    raw: float,
+    when: float | None,
+    shown: str = "",
+    verdict: str = "good",
+    hints: Sequence[str] = (),
+) -> Probe:
+    """What a person should know of `raw`, which `channel` has at `when` (UTC s); `shown` is how people write it, and
+    `verdict` what is said of it where the edge has no doubt."""
+    value = edge.value(raw)
+    if edge.counter and isfinite(raw):
+        stand = f"the counter stands at {raw * edge.scale + edge.offset:g}"
+        return Probe(channel, place, shown or f"{raw:g}", None, when, verdict, (stand, *hints))
+    known = value if isfinite(raw) else None
+    return Probe(channel, place, shown or f"{raw:g}", known, when, edge.doubt(value) or verdict, tuple(hints))
 
 
 class Converter:

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from adapters.channel import Binding
-from adapters.edge import LiveConverter
+from adapters.edge import LiveConverter, looked_at
 from adapters.errors import SourceConfigError, said_of
 from adapters.reading import Fault, Probe, Quality, Reading
 
@@ -47,15 +47,11 @@ class Watched:
             return self.converter.bad(when, verdict.fault or Fault.NOT_AVAILABLE)
         return self.converter.reading(when, verdict.raw, verdict.quality, sent)
 
-    def probed(self, verdict: Verdict, shown: str, when: float, hints: Sequence[str] = ()) -> Probe:
+    def probed(self, verdict: Verdict, shown: str, when: float | None, hints: Sequence[str] = ()) -> Probe:
         """What a person should know about `verdict` at `when` (UTC s); `shown` is the raw value as people write it."""
         if verdict.raw is None or verdict.fault is not None:
             return Probe(self.id, self.place, shown, None, when, verdict.sentence, tuple(hints))
-        if self.edge.counter:
-            stand = f"the counter stands at {verdict.raw * self.edge.scale + self.edge.offset:g}"
-            return Probe(self.id, self.place, shown, None, when, verdict.sentence, (stand, *hints))
-        value = self.edge.value(verdict.raw)
-        return Probe(self.id, self.place, shown, value, when, self.edge.doubt(value) or verdict.sentence, tuple(hints))
+        return looked_at(self.id, self.place, self.edge, verdict.raw, when, shown, verdict.sentence, hints)
 
 
 AtWork = TypeVar("AtWork", bound=Watched)

@@ -15,7 +15,7 @@ from adapters.csv.cells import FAULTS, Status
 from adapters.csv.config import CsvConfig
 from adapters.csv.growing import GrowingFile
 from adapters.csv.table import CsvChannel, Table, column_problems, read_header, read_table
-from adapters.edge import Converter
+from adapters.edge import Converter, looked_at
 from adapters.errors import SourceError, SourceUnavailable, said_of
 from adapters.playback import RecordedSource
 from adapters.reading import Batch, Probe, Reading
@@ -147,5 +147,5 @@ def _probe(channel: CsvChannel, index: int, table: Table, row: int) -> Probe:
     if code != Status.GOOD:
         return Probe(channel.id, place, "-", None, time, Status(code).name.lower().replace("_", " "))
     if channel.edge.counter:
-        return Probe(channel.id, place, f"{value:g}", None, time, hints=("a counter: its differences become power",))
+        return looked_at(channel.id, place, channel.edge, value, time)
     return Probe(channel.id, place, "-", value, time)

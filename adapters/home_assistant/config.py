@@ -8,7 +8,6 @@ from pydantic import BeforeValidator, Field
 
 from adapters.channel import ChannelConfig, RecordedConfig
 from adapters.fields.values import FilePath, Text, choice
-from adapters.home_assistant.database import Entity
 
 
 class HomeAssistantChannelConfig(ChannelConfig):
@@ -20,14 +19,9 @@ class HomeAssistantChannelConfig(ChannelConfig):
     )
 
     @property
-    def read(self) -> Entity:
-        """What is read."""
-        return Entity(self.entity, self.attribute)
-
-    @property
     def address(self) -> str:
         """The entity."""
-        return str(self.read)
+        return self.entity if self.attribute is None else f"{self.entity}, attribute {self.attribute}"
 
 
 class HomeAssistantConfig(RecordedConfig):

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.home_assistant.config import HomeAssistantChannelConfig
 
 HOUR = 3600.0
 
@@ -78,16 +79,6 @@ class Stretches(NamedTuple):
     """(m,): NaN for what is no number."""
 
 
-class Entity(NamedTuple):
-    """What is read: the state of an entity, or one of its attributes."""
-
-    id: str
-    attribute: str | None = None
-
-    def __str__(self) -> str:
-        return self.id if self.attribute is None else f"{self.id}, attribute {self.attribute}"
-
-
 @contextmanager
 def opened(path: Path, data: str) -> Iterator[sqlite3.Connection]:
     """The database at `path`, to be read only, while Home Assistant runs or not; `data` is "states" or "statistics".
@@ -110,29 +101,31 @@ def opened(path: Path, data: str) -> Iterator[sqlite3.Connection]:
 
 
 def problems(
-    connection: sqlite3.Connection, path: Path, data: str, wanted: Sequence[tuple[Entity, str | None]]
+    connection: sqlite3.Connection, path: Path, data: str, wanted: Sequence[HomeAssistantChannelConfig]
 ) -> list[str]:
-    """One sentence for every entity that is not in the database, or is there in another unit than the one `wanted` (an
-    None: any)."""
+    """One sentence for every entity that is not in the database, or is there in another unit than the one `wanted`."""
     known = [name for (name,) in connection.execute(_NAMES[data])]
     found = []
-    for entity, unit in wanted:
-        if entity.id not in known:
-            near = get_close_matches(entity.id, known, 3, 0.4)
+    for channel in wanted:
+        entity, unit = channel.entity, channel.stated_unit
+        if entity not in known:
+            near = get_close_matches(entity, known, 3, 0.4)
             hint = f"did you mean {' or '.join(near)}?" if near else "the recorder may leave it out"
-            found.append(f"file '{path}' has no {data} of '{entity.id}'; {hint}")
-        elif entity.attribute is None:
-            (told,) = connection.execute(_UNIT[data], (entity.id,)).fetchone() or (None,)
+            found.append(f"file '{path}' has no {data} of '{entity}'; {hint}")
+        elif channel.attribute is None:
+            (told,) = connection.execute(_UNIT[data], (entity,)).fetchone() or (None,)
             if unit and told in UNITS and UNITS[told] != unit:
-                found.append(f'\'{entity.id}\' is in {told}; write unit = "{UNITS[told]}" instead of "{unit}"')
+                found.append(f'\'{entity}\' is in {told}; write unit = "{UNITS[told]}" instead of "{unit}"')
     return found
 
 
-def states(connection: sqlite3.Connection, entity: Entity) -> Stretches:
-    """The states of `entity`, each until the next one or until the recorder stopped."""
-    rows = connection.execute(_STATES, (entity.id,)).fetchall()
+def states(connection: sqlite3.Connection, channel: HomeAssistantChannelConfig) -> Stretches:
+    """The states of the entity of `channel`, each until the next one or until the recorder stopped."""
+    rows = connection.execute(_STATES, (channel.entity,)).fetchall()
     begins = np.array([row[0] for row in rows], dtype=np.float64)
-    values = np.array([_number(entity, state, attributes) for _, state, attributes in rows], dtype=np.float64)
+    values = np.array(
+        [_number(channel.attribute, state, attributes) for _, state, attributes in rows], dtype=np.float64
+    )
     ends = np.append(begins[1:], inf)
     for began, stopped in _runs(connection):
         # What holds when the recorder stops is not known to hold until it starts again.
@@ -141,17 +134,18 @@ def states(connection: sqlite3.Connection, entity: Entity) -> Stretches:
     return Stretches(begins, np.minimum(ends, _newest(connection)), values)
 
 
-def statistics(connection: sqlite3.Connection, entity: Entity) -> Stretches:
-    """The hourly means of `entity`; of a meter what it showed at the end of each hour, from then on for an hour."""
-    rows = connection.execute(_STATISTICS, (entity.id,)).fetchall()
+def statistics(connection: sqlite3.Connection, channel: HomeAssistantChannelConfig) -> Stretches:
+    """The hourly means of the entity of `channel`; of a meter what it showed at the end of each hour, from then on for
+    an hour."""
+    rows = connection.execute(_STATISTICS, (channel.entity,)).fetchall()
     metered = [mean is None for _, mean, _ in rows]
     begins = np.array([row[0] for row in rows], dtype=np.float64) + HOUR * np.array(metered, dtype=np.float64)
     told = [state if mean is None else mean for _, mean, state in rows]
     return Stretches(begins, begins + HOUR, np.array([nan if one is None else one for one in told], dtype=np.float64))
 
 
-def _number(entity: Entity, state: str | None, attributes: str | None) -> float:
-    return as_number(state if entity.attribute is None else json.loads(attributes or "{}").get(entity.attribute))
+def _number(attribute: str | None, state: str | None, attributes: str | None) -> float:
+    return as_number(state if attribute is None else json.loads(attributes or "{}").get(attribute))
 
 
 def as_number(told: object) -> float:

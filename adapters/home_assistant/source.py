@@ -9,10 +9,10 @@ from math import inf, isfinite
 import numpy as np
 
 from adapters.channel import Binding
-from adapters.edge import Converter, newest
+from adapters.edge import Converter, looked_at
 from adapters.errors import SourceError, SourceUnavailable, said_of
 from adapters.home_assistant import database
-from adapters.home_assistant.config import HomeAssistantConfig
+from adapters.home_assistant.config import HomeAssistantChannelConfig, HomeAssistantConfig
 from adapters.home_assistant.database import Stretches
 from adapters.playback import RecordedSource
 from adapters.reading import Batch, Probe, Reading
@@ -36,8 +36,7 @@ class RecorderSource(RecordedSource):
     def __init__(self, name: str, table: HomeAssistantConfig, bindings: Sequence[Binding]) -> None:
         super().__init__(name, table, bindings)
         self._file, self._data = table.file, table.data
-        self._wanted = [(one.channel.read, one.channel.stated_unit) for one in bindings]
-        """Of each channel its entity, and the unit that this may state."""
+        self._wanted: list[HomeAssistantChannelConfig] = [one.channel for one in bindings]
 
     def check(self) -> list[str]:
         """One sentence for a database that cannot be read, and for every entity that it lacks or has in another
@@ -77,16 +76,18 @@ class RecorderSource(RecordedSource):
         """The newest value of every channel."""
         histories = await asyncio.to_thread(self._read)
         probes = []
-        for (channel, edge), (entity, _), history in zip(self._edges, self._wanted, histories, strict=True):
+        for (channel, edge), wanted, history in zip(self._edges, self._wanted, histories, strict=True):
             if not len(history.begins):
-                raise SourceUnavailable(f"sources.{self.name}: file '{self._file}' has nothing of '{entity}'")
-            probes.append(newest(channel, str(entity), edge, float(history.values[-1]), float(history.begins[-1])))
+                raise SourceUnavailable(f"sources.{self.name}: file '{self._file}' has nothing of '{wanted.address}'")
+            probes.append(
+                looked_at(channel, wanted.address, edge, float(history.values[-1]), float(history.begins[-1]))
+            )
         return probes
 
     def _read(self) -> list[Stretches]:
         read = database.states if self._data == "states" else database.statistics
         with said_of(self.name), database.opened(self._file, self._data) as connection:
-            return [read(connection, entity) for entity, _ in self._wanted]
+            return [read(connection, one) for one in self._wanted]
 
 
 def _readings(history: Stretches, converter: Converter, begin: float, end: float) -> list[Reading]:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 
 from adapters.channel import Binding
+from adapters.edge import looked_at
 from adapters.fields.times import written_to_the_millisecond
 from adapters.messages.dating import Dating
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
@@ -147,18 +148,10 @@ def probed(channel: MessageChannel, dating: Dating, samples: Sequence[Incoming],
     if ageless:
         hints = ["retained: the broker had kept it, and its age is not known"]
     known = None if ageless else when
-    if channel.edge.counter:
-        hints.append(f"the counter stands at {decoded.raw * channel.edge.scale + channel.edge.offset:g}")
-        return Probe(channel.id, place, raw, None, known, hints=tuple(hints))
-    value = channel.edge.value(decoded.raw)
-    verdict = channel.edge.doubt(value)
-    if verdict is not None:
-        hints += _numbers(channel, incoming)
-    elif decoded.quality is not Quality.GOOD:
-        verdict = "uncertain: its quality says so, or is missing"
-    else:
-        verdict = "good"
-    return Probe(channel.id, place, raw, value, known, verdict, tuple(hints))
+    good = decoded.quality is Quality.GOOD
+    verdict = "good" if good else "uncertain: its quality says so, or is missing"
+    found = looked_at(channel.id, place, channel.edge, decoded.raw, known, raw, verdict, hints)
+    return found if found.verdict == verdict else found._replace(hints=(*hints, *_numbers(channel, incoming)))
 
 
 _ORIGINS = {"payload": "its payload", "zenoh": "Zenoh's time stamp", "arrival": "its arrival"}

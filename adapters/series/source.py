@@ -6,7 +6,7 @@ import time
 from collections.abc import AsyncIterator, Sequence
 
 from adapters.channel import Binding
-from adapters.edge import Converter, newest
+from adapters.edge import Converter, looked_at
 from adapters.errors import SourceUnavailable, said_of
 from adapters.playback import RecordedSource
 from adapters.reading import Batch, Probe, Reading
@@ -59,7 +59,7 @@ class SeriesSource(RecordedSource):
             points = await self._asked(query, end - _LOOK_BACK * self._step, end)
             if not len(points.times):
                 raise SourceUnavailable(f"sources.{self.name}: there is no newer value of '{query}'")
-            probes.append(newest(channel, query, edge, float(points.values[-1]), float(points.times[-1])))
+            probes.append(looked_at(channel, query, edge, float(points.values[-1]), float(points.times[-1])))
         return probes
 
     async def close(self) -> None:

@@ -9,16 +9,15 @@ from support.recorder import BEGIN, database
 from support.sources import bound, source_table
 
 from adapters.errors import SourceConfigError, SourceUnavailable
-from adapters.home_assistant.database import Entity
 
-ROOM = Entity("sensor.room")
+ROOM = ("sensor.room",)
 
 
 def source(path, *entities, data="states", **keys):
     table = source_table("home-assistant", file=path, data=data)
     keys = {"unit": "degC", "valid": (-1e9, 1e9)} | keys
     return table.build(
-        "home", [bound(table, one.id, entity=one.id, attribute=one.attribute, **keys) for one in entities]
+        "home", [bound(table, entity, entity=entity, attribute=(*more, None)[0], **keys) for entity, *more in entities]
     )
 
 
@@ -61,15 +60,15 @@ def test_attributes_and_words(tmp_path):
         (90, "a.b", "1"),
     ]
     path = database(tmp_path / "db", rows)
-    assert readings(path, Entity("climate.room", "current_temperature")) == [(0, 19.5), (60, 20.0)]
-    assert readings(path, Entity("climate.room", "hvac_action")) == [(0, 1.0), (60, 0.0)]
-    assert readings(path, Entity("climate.room", "swing_mode")) == []
+    assert readings(path, ("climate.room", "current_temperature")) == [(0, 19.5), (60, 20.0)]
+    assert readings(path, ("climate.room", "hvac_action")) == [(0, 1.0), (60, 0.0)]
+    assert readings(path, ("climate.room", "swing_mode")) == []
 
 
 def test_a_meter_becomes_power_from_one_change_to_the_next(tmp_path):
     rows = [(0, "sensor.energy", "10.0"), (3600, "sensor.energy", "10.5"), (7200, "sensor.energy", "12.5")]
     path = database(tmp_path / "db", rows)
-    found = readings(path, Entity("sensor.energy"), unit="kWh", to="W")
+    found = readings(path, ("sensor.energy",), unit="kWh", to="W")
     assert found == [(0, pytest.approx(500.0)), (3600, pytest.approx(2000.0))]
 
 
@@ -87,7 +86,7 @@ def test_check_names_what_is_missing_and_what_is_in_another_unit(tmp_path):
     assert source(path, ROOM).check() == [
         'sources.home: \'sensor.room\' is in °F; write unit = "degF" instead of "degC"'
     ]
-    (problem,) = source(path, Entity("sensor.rom")).check()
+    (problem,) = source(path, ("sensor.rom",)).check()
     assert problem.endswith("has no states of 'sensor.rom'; did you mean sensor.room?")
 
 
