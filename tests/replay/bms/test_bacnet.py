@@ -77,25 +77,6 @@ def test_every_channel_is_an_object_with_the_plants_value_and_unit() -> None:
     look(job)
 
 
-def test_values_are_those_of_the_moment() -> None:
-    async def job(link: BacnetLink, plant: Simulation, port: int) -> None:
-        device = await link.find(1012, None)
-        room = plant.plant[2]
-        channel = room.channel("T_air")
-        assert channel is not None
-        before = await value(link, device)
-        assert before == pytest.approx(plant.value(room, channel), abs=1e-4)
-        clock = plant._clock
-        assert isinstance(clock, Clock)
-        clock.now += 600.0
-        plant.catch_up()
-        after = await value(link, device)
-        assert after != before
-        assert after == pytest.approx(plant.value(room, channel), abs=1e-4)
-
-    look(job)
-
-
 def test_faults_act_on_bacnet_too() -> None:
     async def job(link: BacnetLink, plant: Simulation, port: int) -> None:
         device = await link.find(1012, None)

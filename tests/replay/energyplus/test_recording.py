@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from datetime import date
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.energyplus import needs_energyplus
+from support.tables import rows_of
 
 from replay.energyplus.buildings import BUILDINGS
 from replay.energyplus.files import CONFIGURATION, HEAT_LOSS, RECORDING, TRUTH
@@ -103,7 +103,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_files_hold_the_recording_and_the_truth(written: Path) -> None:
-    rows, truth = (list(csv.DictReader((written / name).read_text().splitlines())) for name in (RECORDING, TRUTH))
+    rows, truth = (rows_of(written / name) for name in (RECORDING, TRUTH))
     assert [row["time"] for row in rows] == [row["time"] for row in truth]
     assert rows[0]["time"] == "2025-01-06T07:00:00Z"
     assert len(rows) == 2 * DAY // 300

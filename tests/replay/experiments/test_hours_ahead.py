@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.special import ndtr
+from support.tables import rows_of
 
 from estimator import registry
 from estimator.heat.terms import with_known_heat
@@ -51,11 +51,6 @@ ROOT = Path(__file__).parents[3]
 DATA = ROOT.parent / "shared" / "data"
 measured = pytest.mark.skipif(not DATA.is_dir(), reason="the measured data are not beside the project")
 DAY_STEPS = DAY // PERIOD
-
-
-def rows(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def series(outputs: list[float], starts: tuple[int, ...] = (0,), period: int = 6 * HOUR) -> Series:
@@ -280,7 +275,7 @@ def building(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_everybody_is_scored_at_every_horizon(building: Path) -> None:
-    table = rows(building / "scores.csv")
+    table = rows_of(building / "scores.csv")
     later = [row for row in table if row["window"] == LATER]
     labels = [contender.label for contender in contenders(Request())]
     assert labels[:4] == ["persistence", "yesterday", "ridge", "ridge-blind"]
@@ -293,9 +288,9 @@ def test_everybody_is_scored_at_every_horizon(building: Path) -> None:
 
 
 def test_verdicts_follow_from_the_numbers(building: Path) -> None:
-    crps = {row["ahead"]: row for row in rows(building / "crps-after-three-days.csv")}
-    coverage = {row["ahead"]: float(row["bank"]) for row in rows(building / "coverage-after-three-days.csv")}
-    targets = {row["target"]: row for row in rows(building / "verdicts.csv")}
+    crps = {row["ahead"]: row for row in rows_of(building / "crps-after-three-days.csv")}
+    coverage = {row["ahead"]: float(row["bank"]) for row in rows_of(building / "coverage-after-three-days.csv")}
+    targets = {row["target"]: row for row in rows_of(building / "verdicts.csv")}
     ratios = {}
     for ahead, row in crps.items():
         others = {
@@ -318,7 +313,7 @@ def test_a_configuration_brings_its_recording_and_its_estimator(tmp_path: Path) 
     config = str(ROOT / "deploy/examples/generic-csv.toml")
     own = ["--set", "zones.room-1.estimator='mkf'", "--set", "zones.room-1.estimator_options={particles=16}"]
     out = experiment(tmp_path, "--config", config, "--seeds", "2", *own)
-    table = rows(out / "crps-after-three-days.csv")
+    table = rows_of(out / "crps-after-three-days.csv")
     assert [row["ahead"] for row in table] == ["1 step", "1 h", "6 h"], "two days are too short for 24 h"
     assert {row["recording"] for row in table} == {"room-1"}
     assert all(float(row["as configured (mkf)"]) > 0 for row in table)

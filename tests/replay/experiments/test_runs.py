@@ -88,11 +88,3 @@ def test_a_run_that_fails_is_named_and_the_others_stay(workers: int, tmp_path: P
     with pytest.raises(ReplayError, match=r"run 'double -1, seed 1': a number below 0"):
         run_jobs([job(1), job(-1), job(-1)], tmp_path, workers=workers, progress=False)
     assert load(run_file(tmp_path, job(1))) is not None
-
-
-def test_progress_counts_the_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run_jobs([job(1)], tmp_path, workers=1, progress=False)
-    run_jobs([job(1), job(2), job(3)], tmp_path, workers=2, progress=True)
-    shown = capsys.readouterr().err
-    assert "1/3" in shown
-    assert "3/3" in shown

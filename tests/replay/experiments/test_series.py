@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.tables import rows_of
 
 from estimator.network.presets import building_67
 from replay.experiments.hours_ahead.recordings import of_zone
@@ -24,8 +24,7 @@ def test_the_loop_says_what_the_zone_worker_publishes(tmp_path: Path) -> None:
     settings = ["zones.living.estimator_options.particles=60", "zones.living.seed=3"]
     overrides = [word for setting in settings for word in ("--set", setting)]
     assert main(["replay", str(ECOLAR), "--out", str(tmp_path), *overrides]) == 0
-    with (tmp_path / "living" / "updates.csv").open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(tmp_path / "living" / "updates.csv")
     config = load(ECOLAR, settings)
     zone = config.zones[0]
     series = of_zone(config, zone).series

@@ -1,12 +1,12 @@
 """`thermogate replay`: rows, seeds, bounds in time, and the mistakes it explains."""
 
-import csv
 import json
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.tables import rows_of
 
 from replay.recorded import runner, samples
 from replay.recorded.runner import replay_recording
@@ -25,9 +25,7 @@ def config(*settings):
 def replay(out, *settings, **options):
     arguments = {"zone": None, "seed": None, "start": None, "end": None, "progress": False} | options
     assert [trace.zone for trace in replay_recording(config(*settings), out, **arguments)] == [ZONE]
-    with (out / ZONE / "updates.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    return rows, json.loads((out / "summary.json").read_text())["zones"][ZONE]
+    return rows_of(out / ZONE / "updates.csv"), json.loads((out / "summary.json").read_text())["zones"][ZONE]
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +47,7 @@ def test_the_rows_are_the_ones_the_summary_scores(whole):
     assert summary["winkler_K"] == winkler(y, lower, upper, 0.95)
     assert summary["scored"] == 431
     assert summary["after_first_day"]["scored"] == 432 - 144
-    with (out / ZONE / "parameters.csv").open() as file:
-        parameters = list(csv.DictReader(file))
+    parameters = rows_of(out / ZONE / "parameters.csv")
     assert [row["time"] for row in parameters] == [row["time"] for row in rows]
     assert list(parameters[0])[1:] == list(summary["parameters"])
 

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.energyplus import needs_energyplus
+from support.tables import rows_of
 
-from replay.energyplus import library
 from replay.energyplus.recording import record
-from replay.errors import ReplayError
 from replay.experiments.jobs import Arrays
-from replay.experiments.request import Request
 from replay.experiments.study import Results, Run
 from replay.lab.experiments.control import customer
 from replay.lab.experiments.control.cases import (
-    CASES,
     PARTIES,
     STEPS_A_DAY,
     STUCK,
@@ -27,7 +23,6 @@ from replay.lab.experiments.control.cases import (
     price,
     stuck_steps,
 )
-from replay.lab.experiments.control.experiment import prepare
 from replay.lab.experiments.control.loop import BEGIN, weather_of
 from replay.lab.experiments.control.perfect import planned
 from replay.lab.experiments.control.report import figures, report
@@ -133,38 +128,17 @@ def test_the_report_shows_every_controller(runs: Mapping[str, Arrays], tmp_path:
     write_report(report(results, scenes, list(scenes.values())), tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "What was done" in page
-    with (tmp_path / "controllers.csv").open(encoding="utf-8", newline="") as file:
-        table = {row["controller"]: row for row in csv.DictReader(file) if row["recording"] == "timber, undisturbed"}
+    undisturbed = [row for row in rows_of(tmp_path / "controllers.csv") if row["recording"] == "timber, undisturbed"]
+    table = {row["controller"]: row for row in undisturbed}
     assert set(table) == set(runs)
     assert float(table[THERMOSTAT]["cost"]) == scored(runs[THERMOSTAT]).cost, (
         "the first of several settings is the usual"
     )
-    with (tmp_path / "share-of-the-way.csv").open(encoding="utf-8", newline="") as file:
-        (way,) = csv.DictReader(file)
+    (way,) = rows_of(tmp_path / "share-of-the-way.csv")
     assert float(way[THERMOGATE]) < 1.0
-    with (tmp_path / "verdicts.csv").open(encoding="utf-8", newline="") as file:
-        targets = {row["target"]: row["verdict"] for row in csv.DictReader(file)}
+    targets = {row["target"]: row["verdict"] for row in rows_of(tmp_path / "verdicts.csv")}
     ratio = scored(runs[THERMOGATE]).discomfort / scored(runs[THERMOSTAT]).discomfort
     assert targets["timber, parties: discomfort over that of the thermostat"] == ("met" if ratio <= 1.0 else "missed")
-
-
-@needs_energyplus
-def test_every_run_has_a_file_of_its_own() -> None:
-    made = prepare(Request(days=3, building=("timber", "house")))
-    labels = [job.label for job in made.jobs()]
-    assert len(labels) == len(set(labels))
-    scenes = [job.payload.scene for job in made.jobs()]
-    assert {scene.case for scene in scenes} == set(CASES)
-    assert {(scene.days, scene.controlled) for scene in scenes} == {(3, 2), (2, 2)}
-
-
-def test_without_the_extra_it_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    library.library.cache_clear()
-    with monkeypatch.context() as patched:
-        patched.setattr(library.importlib.util, "find_spec", lambda name: None)
-        with pytest.raises(ReplayError, match="install the extra with pip install"):
-            prepare(Request())
-    library.library.cache_clear()
 
 
 def test_the_joint_plan_of_one_room_is_that_of_the_example() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import signal
 import subprocess
 import sys
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from support.energyplus import needs_energyplus
+from support.tables import rows_of
 
 from estimator.network.presets import titeth
 from replay.errors import ReplayError
@@ -27,11 +27,6 @@ DARK = ["--set", "zones.office.channels.I_sol.valid=[5000, 6000]"]
 SHORT = ["--days", "2", "--particles", "60", "--seeds", "2", "--jobs", "2"]
 
 
-def rows(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def run(name: str, out: Path, *options: str, short: Sequence[str] = SHORT) -> Path:
     assert main(["experiment", name, "--out", str(out), *short, *options]) == 0
     page = (out / "report.html").read_text(encoding="utf-8")
@@ -45,44 +40,30 @@ def semi_synthetic(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return run("semi-synthetic", tmp_path_factory.mktemp("semi"))
 
 
-def test_the_floor_of_the_semi_synthetic_building_is_below_everyone(semi_synthetic: Path) -> None:
-    table = rows(semi_synthetic / "calibration-one-step.csv")
-    winkler = {row["estimator"]: float(row["Winkler, K"]) for row in table if row["Winkler, K (sd)"]}
+def test_semi_synthetic_has_every_contender_beside_the_floor_and_the_paper(semi_synthetic: Path) -> None:
+    one_step, filtered = (
+        {row["estimator"]: row for row in rows_of(semi_synthetic / f"calibration-{name}.csv")}
+        for name in ("one-step", "filtered")
+    )
+    assert any(label.startswith("RBPF, authors' runs") for label in one_step)
+    winkler = {label: float(row["Winkler, K"]) for label, row in one_step.items() if row["Winkler, K (sd)"]}
     floor = winkler.pop("floor: true parameters, gain known")
     assert 0.65 < floor < 0.9
     assert {"RBPF default, 10 free", "RBPF paper, 6 free", "EKF paper, 10 free", "UKF paper, 6 free"} <= set(winkler)
     assert all(floor < other for other in winkler.values())
-    assert any(row["estimator"].startswith("RBPF, authors' runs") for row in table)
-
-
-def test_the_two_conventions_are_two_tables(semi_synthetic: Path) -> None:
-    one_step, filtered = (
-        {row["estimator"]: float(row["width, K"] or "nan") for row in rows(semi_synthetic / f"calibration-{name}.csv")}
-        for name in ("one-step", "filtered")
-    )
-    label = "RBPF default, 10 free"
     # No honest interval of y is narrower than the noise of y alone makes it; the filtered one leaves noise out.
-    assert one_step[label] > 2 * 1.95 * 0.15 > filtered[label]
-
-
-def test_every_estimator_is_held_to_the_targets(semi_synthetic: Path) -> None:
-    targets = {row["target"]: row for row in rows(semi_synthetic / "verdicts.csv")}
+    wide, narrow = (float(table["RBPF default, 10 free"]["width, K"]) for table in (one_step, filtered))
+    assert wide > 2 * 1.95 * 0.15 > narrow
+    targets = {row["target"]: row for row in rows_of(semi_synthetic / "verdicts.csv")}
     assert targets["RBPF default, 10 free: AUC of alpha"]["verdict"] in ("met", "missed")
-    found = float(targets["floor: true parameters, gain known: one_step Winkler, K"]["found (mean ± sd over seeds)"])
-    verdict = targets["floor: true parameters, gain known: one_step Winkler, K"]["verdict"]
-    assert verdict == ("met" if abs(found - 0.772) <= 0.00772 else "missed")
-
-
-def test_what_is_learned_is_compared_with_the_truth(semi_synthetic: Path) -> None:
-    errors = rows(semi_synthetic / "transfer-function-errors.csv")
-    names = [row["estimator"] for row in errors]
-    assert "least squares, offline" in names
-    assert "LS, paper (Table 4)" in names
-    assert all(float(row["H2 solar"]) > 0 for row in errors)
-    assert {row["estimator"] for row in rows(semi_synthetic / "open-loop.csv")} >= {
-        "Kalman filter, true parameters, gain ignored",
-        "RBPF paper, 6 free",
-    }
+    verdict = targets["floor: true parameters, gain known: one_step Winkler, K"]
+    found = float(verdict["found (mean ± sd over seeds)"])
+    assert verdict["verdict"] == ("met" if abs(found - 0.772) <= 0.00772 else "missed")
+    errors = {row["estimator"]: row for row in rows_of(semi_synthetic / "transfer-function-errors.csv")}
+    assert {"least squares, offline", "LS, paper (Table 4)"} <= set(errors)
+    assert all(float(row["H2 solar"]) > 0 for row in errors.values())
+    simulated = {row["estimator"] for row in rows_of(semi_synthetic / "open-loop.csv")}
+    assert simulated >= {"Kalman filter, true parameters, gain ignored", "RBPF paper, 6 free"}
 
 
 def test_an_experiment_that_is_finished_only_writes_its_report_again(semi_synthetic: Path) -> None:
@@ -94,7 +75,7 @@ def test_an_experiment_that_is_finished_only_writes_its_report_again(semi_synthe
 
 def test_a_day_without_unmeasured_heat_has_its_report(tmp_path: Path) -> None:
     out = run("semi-synthetic", tmp_path, "--days", "1", "--seeds", "4,")
-    targets = rows(out / "verdicts.csv")
+    targets = rows_of(out / "verdicts.csv")
     met, missed = (sum(row["verdict"] == word for row in targets) for word in ("met", "missed"))
     assert met + missed < len(targets)
     said = f"{met} of {len(targets)} are met, {missed} missed, {len(targets) - met - missed} open"
@@ -105,7 +86,7 @@ def test_another_network_has_targets_of_nobody(tmp_path: Path) -> None:
     out = run("semi-synthetic", tmp_path, "--network", "tite", "--seeds", "1,")
     assert not (out / "verdicts.csv").exists()
     for table in ("calibration-one-step", "transfer-function-errors", "parasitic-learning", "open-loop"):
-        labels = [row["estimator"] for row in rows(out / f"{table}.csv")]
+        labels = [row["estimator"] for row in rows_of(out / f"{table}.csv")]
         assert labels[0] == "RBPF default, 4 free"
         assert not any("paper (" in label or "authors" in label for label in labels), table
 
@@ -120,11 +101,11 @@ def test_the_zone_of_a_configuration_is_a_network_too() -> None:
 def test_ecolar_compares_nights(tmp_path: Path) -> None:
     recording = ROOT / "deploy/examples/data/ecolar-standin.csv.gz"
     out = run("ecolar", tmp_path, "--data", str(recording), "--seeds", "1,")
-    nights = {row["estimator"]: row for row in rows(out / "ecolar-nights.csv")}
+    nights = {row["estimator"]: row for row in rows_of(out / "ecolar-nights.csv")}
     assert 0 < float(nights["RBPF default"]["median, final"]) < 5
     assert 0 < float(nights["RBPF default"]["median, evening"]) < 5
     assert 0 < float(nights["least squares, offline"]["median, final"]) < 2
-    one_step, filtered = (rows(out / f"ecolar-calibration-{name}.csv") for name in ("one-step", "filtered"))
+    one_step, filtered = (rows_of(out / f"ecolar-calibration-{name}.csv") for name in ("one-step", "filtered"))
     assert all(
         float(a["width, K"]) > float(b["width, K"])
         for a, b in zip(one_step, filtered, strict=False)
@@ -135,7 +116,7 @@ def test_ecolar_compares_nights(tmp_path: Path) -> None:
 def test_sensitivity_changes_one_thing_at_a_time(tmp_path: Path) -> None:
     out = run("sensitivity", tmp_path, "--seeds", "1", "--particles", "150")
     for base in ("default", "paper"):
-        table = {row["changed"]: row for row in rows(out / f"sensitivity-{base}.csv")}
+        table = {row["changed"]: row for row in rows_of(out / f"sensitivity-{base}.csv")}
         assert float(table["as it is"]["filtered width, K"]) < float(
             table["measurement_sd doubled"]["filtered width, K"]
         )
