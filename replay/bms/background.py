@@ -6,20 +6,12 @@ import asyncio
 import threading
 from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import Future
-from contextlib import AbstractContextManager, contextmanager, suppress
-from functools import partial
+from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
-
-from replay.bms.serving import BmsOptions, serve
 
 _STOP_SECONDS = 5.0
 
 Ready = TypeVar("Ready")
-
-
-def living_bms(options: BmsOptions) -> AbstractContextManager[list[str]]:
-    """The simulated BMS in a thread of its own while the block runs; gives what there is to say about it."""
-    return in_background(partial(serve, options))
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from replay.experiments.catalogue import EXPERIMENTS
+from replay.experiments.catalogue import EXPERIMENTS, module_of
 from service.cli.arguments import AddCommand, whole
 
 _DEFAULT_OUT = Path("var/experiments")
@@ -62,8 +62,10 @@ def add_to(add: AddCommand) -> None:
 
 
 def _experiment(arguments: argparse.Namespace) -> int:
-    from replay.experiments.request import Request
-    from replay.experiments.running import RUNS, run_experiment
+    from replay.errors import ReplayError
+    from replay.experiments.pool import run_jobs
+    from replay.experiments.request import Experiment, Request
+    from replay.reports.kit.report import write_report
 
     out: Path = arguments.out or _DEFAULT_OUT / arguments.name
     given: dict[str, Any] = {field.name: getattr(arguments, field.name) for field in fields(Request)}
@@ -73,13 +75,20 @@ def _experiment(arguments: argparse.Namespace) -> int:
     if watched:
         print(f"preparing {arguments.name}", file=sys.stderr)
     workers = arguments.jobs or len(os.sched_getaffinity(0))
+    # Finished runs are used again where neither their settings nor the code has changed.
+    runs = out / "runs"
     try:
-        written = run_experiment(arguments.name, request, out, workers=workers, progress=watched)
+        experiment: Experiment = module_of(arguments.name).prepare(request)
+        try:
+            runs.mkdir(parents=True, exist_ok=True)
+            results = run_jobs(experiment.jobs(), runs, workers, watched)
+        except OSError as error:
+            raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
+        written = write_report(experiment.report(results), out)
     except KeyboardInterrupt:
-        kept = len(list((out / RUNS).glob("*.npz")))
+        kept = len(list(runs.glob("*.npz")))
         print(
-            f"thermogate: interrupted; {kept} finished runs are kept in {out / RUNS}, the same command goes on from "
-            "there",
+            f"thermogate: interrupted; {kept} finished runs are kept in {runs}, the same command goes on from there",
             file=sys.stderr,
         )
         return 130

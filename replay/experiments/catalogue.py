@@ -31,6 +31,12 @@ EXPERIMENTS: Mapping[str, Entry] = {
 """Names of modules, not modules: `thermogate --help` lists these without waiting for the compiler."""
 
 
+def module_of(name: str) -> ModuleType:
+    """The module of the experiment `name`; ReplayError where this installation has none."""
+    place = EXPERIMENTS[name].module
+    return laboratory(place, f"experiment {name}") if place.startswith(LABORATORY) else import_module(place)
+
+
 def laboratory(module: str, what: str) -> ModuleType:
     """That module of the laboratory; ReplayError where this installation has none.
 

@@ -27,7 +27,7 @@ from replay.experiments.jobs import Arrays, Job, fingerprint
 from replay.experiments.progress import steps
 
 
-def run_jobs(jobs: Sequence[Job], folder: Path, *, workers: int, progress: bool) -> list[Arrays]:
+def run_jobs(jobs: Sequence[Job], folder: Path, workers: int, progress: bool) -> list[Arrays]:
     """The results of `jobs`, in their order, kept in `folder` and taken from there where they are.
 
     With one worker everything runs in this process. Interrupted by Ctrl-C, the finished runs stay and KeyboardInterrupt

@@ -18,6 +18,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,8 +27,8 @@ import numpy as np
 import zenoh
 from scipy.stats import theilslopes
 
-from replay.bms.background import living_bms
-from replay.bms.serving import BmsOptions
+from replay.bms.background import in_background
+from replay.bms.serving import BmsOptions, serve
 from replay.bms.zenoh_publisher import opened
 from replay.errors import ReplayError
 from replay.lab.measuring.clients import Clients
@@ -129,7 +130,7 @@ def run(soak: Soak, folder: Path) -> tuple[dict[str, Any], list[Observation]]:
         config=config,
         overrides=[f"{key}={json.dumps(value)}" for key, value in settings.items()],
     )
-    with living_bms(options), DaemonProcess(config, folder / "daemon.log") as daemon:
+    with in_background(partial(serve, options)), DaemonProcess(config, folder / "daemon.log") as daemon:
         url, control = daemon.url(), f"http://127.0.0.1:{control_port}"
         zones = [zone["id"] for zone in httpx.get(f"{url}/zones").json()["zones"]]
         company = _Company(url, control, zenoh_port, zones, soak.seed)

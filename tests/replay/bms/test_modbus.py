@@ -8,15 +8,16 @@ import socket
 import struct
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pytest
 from pymodbus.exceptions import ModbusIOException
 from support.bms_plant import Clock, Look, room1, room2, served, simulation
 
-from replay.bms.background import living_bms
+from replay.bms.background import in_background
 from replay.bms.faults import parse_spec
-from replay.bms.serving import BmsOptions
+from replay.bms.serving import BmsOptions, serve
 from replay.errors import ReplayError
 
 
@@ -121,7 +122,7 @@ def test_a_taken_port_is_one_sentence_where_the_plant_was_asked_for() -> None:
         port = other.getsockname()[1]
         with (
             pytest.raises(ReplayError, match=rf"--port {port}: .* cannot be used"),
-            living_bms(BmsOptions(port=port, control_port=0)),
+            in_background(partial(serve, BmsOptions(port=port, control_port=0))),
         ):
             raise AssertionError("it has not begun")
 
