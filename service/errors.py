@@ -1,10 +1,15 @@
 """Errors of the daemon, one tree with one base."""
 
 from collections.abc import Sequence
+from typing import Any
 
 
 class ServiceError(Exception):
     """Base of every error the service raises on purpose; its text is one sentence naming the place and the remedy."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Another process has it as it is, whatever its class is made from.
+        return _as_it_is, (type(self), self.args, self.__dict__)
 
 
 class ConfigError(ServiceError):
@@ -107,6 +112,12 @@ class StateMismatch(ServiceError):
             f"zone '{zone}': the stored state in {place} belongs to another network or other estimator options; "
             f"restore the configuration it was made with, or give that state up {reset or reset_by_run(zone)}"
         )
+
+
+def _as_it_is(kind: type[ServiceError], args: tuple[Any, ...], more: dict[str, Any]) -> ServiceError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(more)
+    return error
 
 
 def reset_by_run(zone: str) -> str:

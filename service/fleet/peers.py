@@ -13,7 +13,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any
 
 import ray
 from ray import cloudpickle
@@ -23,7 +23,7 @@ from ray.experimental.internal_kv import _internal_kv_del, _internal_kv_get, _in
 from ray.util import list_named_actors
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from service.errors import Away, NoModel, ReloadRefused, ServiceError, TooManyQuestions
+from service.errors import Away, ServiceError
 from service.fleet.plan import Plan
 
 GATEWAY = "gateway-"
@@ -35,14 +35,6 @@ ANSWER_SECONDS = 5.0
 _PLAN = b"plan"
 _SHARD = "service.fleet.shards.shard:Shard"
 _GATEWAY = "service.fleet.gateways.gateway:Gateway"
-_PLAIN: dict[str, type[ServiceError]] = {error.__name__: error for error in (Away, NoModel, TooManyQuestions)}
-
-
-class Refusal(NamedTuple):
-    """An error of ours on its way to who asked: the name of its class, and its sentences."""
-
-    kind: str
-    sentences: list[str]
 
 
 class Actor:
@@ -58,14 +50,11 @@ class Actor:
         await self._body.wake()
 
     async def ask(self, method: str, arguments: tuple[Any, ...]) -> Any:
-        """What the coroutine `method` of the body returns."""
+        """What the coroutine `method` of the body returns, or the ServiceError that it raises."""
         try:
             return await getattr(self._body, method)(*arguments)
-        except ReloadRefused as error:
-            return Refusal("ReloadRefused", error.problems)
         except ServiceError as error:
-            # Not every class of ours can be pickled with what it was made of.
-            return Refusal(type(error).__name__, [str(error)])
+            return error
 
 
 class Peer:
@@ -99,10 +88,8 @@ class Peer:
             # Under this name there may be another actor by now.
             self._handle = None
             raise Away(f"{self.name} cannot be reached now; it is being started or moved") from error
-        if isinstance(answer, Refusal):
-            if answer.kind == "ReloadRefused":
-                raise ReloadRefused(answer.sentences)
-            raise _PLAIN.get(answer.kind, ServiceError)(" ".join(answer.sentences))
+        if isinstance(answer, ServiceError):
+            raise answer
         return answer
 
 

@@ -94,7 +94,7 @@ def _taken(connection: str, site: str, name: str, owner: str, seconds: float, lo
         raise
 
 
-class Vouched(Sink):
+class LeasedSink(Sink):
     """A sink that passes on what is announced while the lease holds, and nothing afterwards."""
 
     def __init__(self, sink: Sink, leased: Leased) -> None:

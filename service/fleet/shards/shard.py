@@ -26,7 +26,7 @@ from service.fleet.messages import News
 from service.fleet.peers import end_process
 from service.fleet.plan import Plan
 from service.fleet.shards.crashes import MOST, Crashes
-from service.fleet.shards.leasing import Leased, Vouched, take_lease
+from service.fleet.shards.leasing import Leased, LeasedSink, take_lease
 from service.fleet.shards.outbox import Outbox
 from service.publish.sinks import Sink
 from service.records.asker import Asker, asked_by
@@ -121,7 +121,7 @@ class _Work:
         self.leased = leased
         self.outbox = Outbox()
         threads = max(1, round(fleet_of(config).shard_cpus))
-        sinks = [Vouched(sink, leased) for sink in (*opened, self.outbox)]
+        sinks = [LeasedSink(sink, leased) for sink in (*opened, self.outbox)]
         self.site = RunningSite(config, leased.store, sinks, threads, stepping=crashes.stepping)
         self.runtime, self.zones = self.site.runtime, self.site.zones
         self.outbox.zones = self.zones

@@ -17,6 +17,7 @@ from service.config.load import load
 from service.daemon.runtime import Runtime
 from service.errors import JournalError, ServiceError
 from service.publish.kinds import SINK_KINDS
+from service.publish.sinks import Announcement, Sink
 from service.store.postgres.leases import Leases
 from service.store.postgres.store import PostgresStore
 
@@ -27,22 +28,14 @@ from service.fleet.shards.crashes import Crashes
 from service.fleet.shards.shard import _Work
 
 
-class Outlet:
+class Outlet(Sink):
     """A sink that is open or not."""
 
     def __init__(self) -> None:
         self.closed = 0
 
-    def add(self, zone: str) -> None:
+    def publish(self, announcement: Announcement) -> None:
         pass
-
-    remove = publish = add
-
-    def settle(self) -> None:
-        pass
-
-    def measures(self) -> list[Any]:
-        return []
 
     def close(self) -> None:
         self.closed += 1

@@ -1,8 +1,9 @@
-"""A shard computes nothing for a client of a gateway that has gone."""
+"""What a gateway asks a shard: nothing is computed for a client that has gone, and errors are those of the zone."""
 
 from __future__ import annotations
 
 import asyncio
+import pickle
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
@@ -12,7 +13,7 @@ import pytest
 
 pytest.importorskip("ray", reason="ray is not installed; say: make .venv/.fleet")
 
-from service.errors import ServiceError
+from service.errors import Fenced, LeaseHeld, NoLaw, RequestError, ServiceError, StateMismatch
 from service.fleet import peers
 from service.fleet.gateways import views as views_module
 from service.fleet.gateways.views import RemoteZone, ShardView
@@ -80,3 +81,18 @@ def test_a_question_is_given_up_with_its_client(monkeypatch: pytest.MonkeyPatch)
             asyncio.run(scenario())
         finally:
             stopping.set()
+
+
+ERRORS = [
+    NoLaw("no set-point has been measured yet"),
+    RequestError(["horizon: is too long", "plans: there are none"]),
+    StateMismatch("room", "the database"),
+    Fenced("it has gone", ["room"]),
+    LeaseHeld("shard-0", "node-1", 3.0),
+]
+
+
+@pytest.mark.parametrize("error", ERRORS)
+def test_an_error_of_a_shard_is_the_same_at_the_gateway(error: ServiceError) -> None:
+    travelled = pickle.loads(pickle.dumps(error))
+    assert (type(travelled), str(travelled), vars(travelled)) == (type(error), str(error), vars(error))
