@@ -70,7 +70,7 @@ class JournalStore(ABC):
     async def claim(self, zone: str, fingerprint: str) -> None:
         """Make sure that what the journal holds of `zone` belongs to `fingerprint`; StateMismatch otherwise."""
         if await self.run(self.journal.is_forgotten, zone):
-            # The power failed while the zone was forgotten: the journal knows, the checkpoints do not yet.
+            # The power failed while the zone was forgotten, or an operator has marked it in the database.
             await self.forget(zone)
         if not await self.run(self.journal.claim, zone, fingerprint):
             raise StateMismatch(zone, self._place, self.journal.database.reset)
@@ -104,7 +104,8 @@ class JournalStore(ABC):
 
         Says in the log where journal and checkpoint do not follow each other, which only a damaged disk brings about.
         """
-        last, pruned = await self.run(self._known_until, zone)
+        last = await self.run(self.journal.last_sample_time, zone)
+        pruned = await self.run(self.journal.pruned_until, zone)
         if checkpoint is not None and (last is None or last < checkpoint):
             _log.warning(
                 "zone '%s' goes on from its checkpoint at %s, but the journal ends %s: samples and history are missing",
@@ -222,10 +223,6 @@ class JournalStore(ABC):
                 await self.run(self.journal.append_all, rest)
                 return dict.fromkeys(error.zones, error)
             return {}
-
-    def _known_until(self, zone: str) -> tuple[int | None, int | None]:
-        """The times of the newest stored sample of `zone`, and of the newest that was pruned."""
-        return self.journal.last_sample_time(zone), self.journal.pruned_until(zone)
 
     async def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """What `function` returns in the thread of the journal, after everything that was recorded before it."""
