@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import re
+from contextlib import suppress
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -11,7 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from adapters.bacnet.objects import LARGEST_INSTANCE, parse_object
 from adapters.channel import LiveConfig, WatchedChannelConfig
 from adapters.fields.durations import format_duration
-from adapters.fields.values import Flag, Port, PositiveDuration, Retries, Timeout, whole
+from adapters.fields.values import Flag, Port, PositiveDuration, Retries, Timeout, check, whole
 from adapters.fields.words import shown
 
 PORT = 47808
@@ -21,41 +22,40 @@ _LARGEST_NETWORK = 65534
 _LONGEST_LIFETIME = 86_400.0
 
 
-def interface(value: object) -> str:
+def _interface(value: object) -> str | None:
     """An IPv4 address of this machine, with or without the length of its prefix."""
-    try:
+    with suppress(ValueError):
         if isinstance(value, str):
             return str(ipaddress.IPv4Interface(value)) if "/" in value else str(ipaddress.IPv4Address(value))
-    except ValueError:
-        pass
-    raise ValueError(
-        "must be this machine's IPv4 address on the BACnet network with the length of its prefix, such as "
-        f'"192.168.1.10/24", not {shown(value)}'
-    )
+    return None
 
 
-def with_port(value: object) -> str:
+def _with_port(value: object) -> str | None:
     """An IPv4 address and a port, which is BACnet's own where there is none."""
     host, _, port = value.partition(":") if isinstance(value, str) else ("", "", "")
-    try:
+    with suppress(ValueError):
         return f"{ipaddress.IPv4Address(host)}:{whole(1, 65535)(int(port) if port else PORT)}"
-    except ValueError:
-        raise ValueError(f'must be an IPv4 address such as "192.168.1.20:{PORT}", not {shown(value)}') from None
+    return None
 
 
-def address(value: object) -> str:
+def _address(value: object) -> str | None:
     """Where a device is: an IPv4 address, or a network number and an address there, behind a router."""
     routed = _ROUTED.fullmatch(value) if isinstance(value, str) else None
-    if routed and 1 <= int(routed["net"]) <= _LARGEST_NETWORK:
-        return str(value)
-    try:
-        with_port(value)
-        return str(value)
-    except ValueError:
-        raise ValueError(
-            f'must be an IPv4 address such as "192.168.1.20", or behind a router the number of the network and the '
-            f'address there, such as "2001:5", not {shown(value)}'
-        ) from None
+    behind = routed is not None and 1 <= int(routed["net"]) <= _LARGEST_NETWORK
+    return str(value) if behind or _with_port(value) else None
+
+
+interface = check(
+    _interface,
+    "must be this machine's IPv4 address on the BACnet network with the length of its prefix, such as "
+    '"192.168.1.10/24", not {}',
+)
+with_port = check(_with_port, f'must be an IPv4 address such as "192.168.1.20:{PORT}", not {{}}')
+address = check(
+    _address,
+    'must be an IPv4 address such as "192.168.1.20", or behind a router the number of the network and the address '
+    'there, such as "2001:5", not {}',
+)
 
 
 def object_name(value: object) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from urllib.parse import urlsplit
 
-from adapters.fields.values import text
+from adapters.fields.values import check, text
 
 
 def is_web_address(address: str) -> bool:
@@ -20,10 +20,6 @@ def is_web_address(address: str) -> bool:
 
 def web_address(example: str) -> Callable[[object], str]:
     """What takes the address of a web server, such as `example`; ValueError for anything else."""
-
-    def address(value: object) -> str:
-        if not is_web_address(text(value)):
-            raise ValueError(f'must be an address such as "{example}"')
-        return str(value)
-
-    return address
+    return check(
+        lambda value: value if is_web_address(text(value)) else None, f'must be an address such as "{example}"'
+    )

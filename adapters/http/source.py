@@ -27,14 +27,14 @@ class Received(NamedTuple):
     readings: list[Reading]
     begun: int
     used: frozenset[int]
-    counters: tuple[_Counted, ...]
-    """Counters that have counted on."""
+    counters: tuple[tuple[HttpChannel, _Count, float], ...]
+    """Counters that have counted on, each with its last count before the post and the time of that after it."""
 
     def take_back(self, zone: str) -> None:
         """`zone` could not take its readings: its counters forget this post, unless another one has come since."""
-        for counter in self.counters:
-            if counter.watched.zone == zone:
-                counter.take_back()
+        for counter, before, until in self.counters:
+            if counter.zone == zone and counter.counted.until == until:
+                counter.counted = before
 
 
 class HttpSource:
@@ -94,7 +94,7 @@ class HttpSource:
         readings = [
             watched.reading(_dated(posted[place], ahead, latest), arrived, self._max_ahead) for place, watched in found
         ]
-        counters = tuple(_Counted(one, was, one.counted.until) for one, was in zip(counting, before, strict=True))
+        counters = tuple((one, was, one.counted.until) for one, was in zip(counting, before, strict=True))
         if found:
             self._news.set()
         taken = [reading for reading in readings if reading is not None]
@@ -140,8 +140,8 @@ class HttpChannel(Watched):
         """The last count."""
         return _Count(self._counted_until, copy(self.converter))
 
-    def count_from(self, count: _Count) -> None:
-        """The last count is an earlier one."""
+    @counted.setter
+    def counted(self, count: _Count) -> None:
         self._counted_until, self.converter = count
 
     def reading(self, posted: Posted, arrived: float, max_ahead: float) -> Reading | None:
@@ -178,19 +178,6 @@ class _Count(NamedTuple):
 
     until: float
     converter: LiveConverter
-
-
-class _Counted(NamedTuple):
-    """A counter, its last count before a post, and the time of that after it, UTC s."""
-
-    watched: HttpChannel
-    before: _Count
-    until: float
-
-    def take_back(self) -> None:
-        """Count from before the post again, if no other has come since."""
-        if self.watched.counted.until == self.until:
-            self.watched.count_from(self.before)
 
 
 def _dated(posted: Posted, ahead: float, latest: float) -> Posted:

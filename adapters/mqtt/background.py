@@ -16,8 +16,6 @@ class Background:
     """Runs one coroutine until it ends or is stopped. Methods may be called from any thread."""
 
     def __init__(self, name: str) -> None:
-        self.failure: Exception | None = None
-        """What it raised."""
         self._name = name
         self._thread: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -30,11 +28,6 @@ class Background:
         self._thread = threading.Thread(target=self._run, args=(work,), name=self._name, daemon=True)
         self._thread.start()
         self._begun.wait()
-
-    @property
-    def ended(self) -> bool:
-        """Whether the coroutine is through."""
-        return self._thread is not None and not self._thread.is_alive()
 
     def call(self, action: Callable[[], object]) -> None:
         """Call `action` in the loop of the coroutine; nothing where that has ended."""
@@ -61,7 +54,6 @@ class Background:
         except asyncio.CancelledError:
             pass
         except Exception as error:
-            self.failure = error
             _log.debug("%s has ended: %r", self._name, error)
         finally:
             self._begun.set()

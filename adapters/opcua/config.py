@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from importlib.util import find_spec
 from typing import Annotated, ClassVar, Literal
@@ -16,7 +15,7 @@ from adapters.fields.durations import format_duration
 from adapters.fields.logins import LoginConfig
 from adapters.fields.tables import TABLE
 from adapters.fields.times import written_time
-from adapters.fields.values import FilePath, Flag, PositiveDuration, Timeout, choice, text
+from adapters.fields.values import FilePath, Flag, PositiveDuration, Timeout, check, choice, matching, text
 from adapters.fields.words import shown
 from adapters.opcua.identity import identity
 from adapters.series.config import HistoryConfig
@@ -26,7 +25,8 @@ PORT = 4840
 POLICIES = ("Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss")
 MODES = ("sign", "encrypt")
 
-_NODE = re.compile(r"(ns=\d{1,5};|nsu=[^;]+;)?(i=\d{1,10}|s=.+|g=[0-9a-fA-F-]{36}|b=[A-Za-z0-9+/]+=*)")
+_NODE = matching(r"(ns=\d{1,5};|nsu=[^;]+;)?(i=\d{1,10}|s=.+|g=[0-9a-fA-F-]{36}|b=[A-Za-z0-9+/]+=*)")
+"""The id of a node, as OPC UA writes it (part 6, 5.3.1.10)."""
 
 
 def server_url(value: object) -> str:
@@ -41,18 +41,24 @@ def server_url(value: object) -> str:
     raise ValueError(f'must be an address such as "opc.tcp://192.168.1.10:{PORT}", not {shown(value)}')
 
 
-def node_id(value: object) -> str:
-    """The id of a node, as OPC UA writes it (part 6, 5.3.1.10)."""
-    if not _NODE.fullmatch(text(value)):
-        raise ValueError(
-            f'must be the id of a node such as "ns=2;s=Room.Temperature", "ns=2;i=1001" or '
-            f'"nsu=urn:plant;s=Room.Temperature", not {shown(value)}'
-        )
-    return str(value)
+node_id = check(
+    lambda value: _NODE(text(value)),
+    'must be the id of a node such as "ns=2;s=Room.Temperature", "ns=2;i=1001" or '
+    '"nsu=urn:plant;s=Room.Temperature", not {}',
+)
 
 
-Node = Annotated[str, BeforeValidator(node_id)]
-_NODE_HELP = 'the id of the node whose value it is, such as "ns=2;s=Room.Temperature"'
+class NodeConfig(ChannelConfig):
+    """A channel whose value a node has."""
+
+    node: Annotated[str, BeforeValidator(node_id)] = Field(
+        description='the id of the node whose value it is, such as "ns=2;s=Room.Temperature"'
+    )
+
+    @property
+    def address(self) -> str:
+        """Its node."""
+        return self.node
 
 
 class SecurityConfig(BaseModel):
@@ -96,16 +102,10 @@ class ServerConfig(LoginConfig):
                 yield str(error)
 
 
-class OpcuaChannelConfig(WatchedChannelConfig):
+class OpcuaChannelConfig(NodeConfig, WatchedChannelConfig):
     """A channel of an OPC UA source; what is None is taken over from the source."""
 
-    node: Node = Field(description=_NODE_HELP)
     subscribe: Flag | None = Field(default=None, description="allow a subscription; false: poll")
-
-    @property
-    def address(self) -> str:
-        """Its node."""
-        return self.node
 
 
 class OpcuaConfig(ServerConfig, LiveConfig):
@@ -125,21 +125,10 @@ class OpcuaConfig(ServerConfig, LiveConfig):
         return f"{self.url}, polled every {format_duration(self.poll)}"
 
 
-class OpcuaHistoryChannelConfig(ChannelConfig):
-    """A channel of the history of an OPC UA server."""
-
-    node: Node = Field(description=_NODE_HELP)
-
-    @property
-    def address(self) -> str:
-        """Its node."""
-        return self.node
-
-
 class OpcuaHistoryConfig(ServerConfig, HistoryConfig):
     """[sources.<name>] of kind "opcua-history": what a server has recorded of its nodes (Historical Access)."""
 
-    channel: ClassVar = OpcuaHistoryChannelConfig
+    channel: ClassVar = NodeConfig
     example: ClassVar = 'node = "ns=2;s=..."'
 
     kind: Literal["opcua-history"] = "opcua-history"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from typing import Annotated, ClassVar, Literal, Self
 from zoneinfo import ZoneInfo
@@ -12,25 +11,15 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, model_va
 
 from adapters.channel import ChannelConfig, SourceConfig
 from adapters.fields.tables import TABLE
-from adapters.fields.values import Country, Number, Text, TimeZone
-from adapters.fields.words import listed, shown
+from adapters.fields.values import Country, Number, Text, TimeZone, check, matching
+from adapters.fields.words import listed
 from adapters.holidays import public_holidays
 from adapters.schedule.week import HOLIDAY, WEEKDAYS, Week
 from adapters.timestamps import Array
 
-_CLOCK = re.compile(r"([01]\d|2[0-3]):([0-5]\d)")
-
-
-def _clock(value: object) -> str:
-    if not isinstance(value, str) or not _CLOCK.fullmatch(value):
-        raise ValueError(f'must be a time of day such as "06:30", not {shown(value)}')
-    return value
-
-
-def _day(value: object) -> str:
-    if value not in (*WEEKDAYS, HOLIDAY):
-        raise ValueError(f"must be one of {', '.join((*WEEKDAYS, HOLIDAY))}, not {shown(value)}")
-    return str(value)
+_DAYS = (*WEEKDAYS, HOLIDAY)
+_clock = check(matching(r"([01]\d|2[0-3]):([0-5]\d)"), 'must be a time of day such as "06:30", not {}')
+_day = check(lambda value: value if value in _DAYS else None, f"must be one of {', '.join(_DAYS)}, not {{}}")
 
 
 class DaysConfig(BaseModel):
