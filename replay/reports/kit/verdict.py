@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from replay.reports.kit.table import Spread, Table, number, spread
@@ -55,6 +55,15 @@ def between(low: float, high: float) -> Wanted:
 def near(reference: float, share: float) -> Wanted:
     """Off `reference` by no more than `share` of it."""
     return Wanted((1 - share) * reference, (1 + share) * reference, f"{number(reference)} within {100 * share:.0f} %")
+
+
+WANTED: Mapping[str, Callable[..., Wanted]] = {
+    "at_most": at_most,
+    "at_least": at_least,
+    "between": between,
+    "near": near,
+}
+"""By name, for targets that are data."""
 
 
 def verdict_table(verdicts: Sequence[Verdict]) -> Table:

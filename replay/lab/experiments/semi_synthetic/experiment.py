@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Mapping
+from importlib.resources import files
 
 from estimator.network.network import Network
 from replay.experiments.request import Request
-from replay.experiments.series.filtering import FLOOR
 from replay.experiments.study import Contender, Results, Study, targets
-from replay.lab.experiments.published import AUTHORS, CHANNELS, PUBLISHED
+from replay.lab.experiments.published import PUBLISHED
 from replay.lab.experiments.semi_synthetic.building import (
     AUC,
     BUILDING,
@@ -18,11 +19,8 @@ from replay.lab.experiments.semi_synthetic.building import (
     HELD,
     INDEX,
     KNOWING,
-    LEAST_SQUARES,
     LOW,
-    NOISE,
     ONE_STEP,
-    WORST_H2,
     Ready,
     channels,
     key,
@@ -30,8 +28,8 @@ from replay.lab.experiments.semi_synthetic.building import (
 )
 from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
-from replay.reports.kit.verdict import Verdict, Wanted, at_least, at_most, between, near
-from replay.simulated.semi_synthetic import PERIOD, PROCESS_NOISE_SD
+from replay.reports.kit.verdict import WANTED, Verdict, Wanted
+from replay.simulated.semi_synthetic import PERIOD
 
 SEEDS = 5
 
@@ -41,80 +39,28 @@ def prepare(request: Request) -> Study:
     return study(request, SEEDS, lambda network: {network.name: contenders(network)}, _report)
 
 
+_DATA = tomllib.loads(files(__package__).joinpath("experiment.toml").read_text(encoding="utf-8"))
+TARGETS: Mapping[str, Mapping[str, Wanted]] = {
+    of: {figure: WANTED[kind](*given) for figure, row in table.items() for kind, given in row.items()}
+    for of, table in _DATA["targets"].items()
+}
+"""What the contenders whose label matches are held to, by figure."""
+
+
 def contenders(network: Network) -> list[Contender]:
     """Who competes on `network`: on building 67 also with the authors' four parameters held."""
-    paper = {"preset": "paper", **NOISE}
-    truth = {"process_sd": PROCESS_NOISE_SD, **NOISE}
-    everything, free = tuple(parameter.name for parameter in network.parameters), len(network.free)
-    kalman = {name.upper(): name for name in ("ekf", "ukf")}
-    found = [
-        Contender(f"RBPF default, {free} free", "rbpf", NOISE),
-        Contender(f"RBPF paper, {free} free", "rbpf", paper),
-        # It learns the measurement noise that the others are told.
-        Contender(f"MKF, {free} free", "mkf", {}),
-    ]
-    if network.name == BUILDING and free == len(network.parameters):
-        found += [
-            Contender("RBPF default, 6 free", "rbpf", NOISE, HELD),
-            Contender("RBPF paper, 6 free", "rbpf", paper, HELD),
-            Contender("RBPF paper with a_0 = .99, 6 free", "rbpf", paper | {"shrinkage": 0.99}, HELD),
-            Contender("RBPF default, true parameters", "rbpf", NOISE, everything),
-        ]
-    found += [Contender(f"{label} paper, {free} free", name, paper) for label, name in kalman.items()]
-    if network.name == BUILDING and free == len(network.parameters):
-        slow = paper | {"parameter_sd": 0.001}
-        found += [Contender(f"{label} paper, 6 free", name, paper, HELD) for label, name in kalman.items()]
-        found += [
-            Contender(f"{label} paper with walk .001, 6 free", name, slow, HELD) for label, name in kalman.items()
-        ]
+    whole = network.name == BUILDING and len(network.free) == len(network.parameters)
+    held = {"authors": HELD, "all": tuple(parameter.name for parameter in network.parameters), None: ()}
     return [
-        *found,
-        Contender("Kalman filter, true parameters, gain ignored", FLOOR, truth, everything),
-        Contender(KNOWING, FLOOR, truth, everything),
-        Contender(LEAST_SQUARES, "", {}),
+        Contender(
+            row["label"].format(free=len(network.free)),
+            row["estimator"],
+            row.get("options", {}),
+            held[row.get("held")],
+        )
+        for row in _DATA["contenders"]
+        if whole or not (row.get("held") == "authors" or row.get("only_building_67"))
     ]
-
-
-_RMSE, _WINKLER, _COVERAGE, _, _DOMINATED, _WIDTH = PUBLISHED[FILTERED][AUTHORS]
-_FLOOR = PUBLISHED[ONE_STEP]["floor: truth and gain known, reference"][1]
-TARGETS: Mapping[str, Mapping[str, Wanted]] = {
-    "floor.*": {key(ONE_STEP, "Winkler, K"): near(_FLOOR, 0.01)},
-    r"RBPF paper, \d+ free": {
-        key(FILTERED, "RMSE, K"): near(_RMSE, 0.05),
-        key(FILTERED, "Winkler, K"): near(_WINKLER, 0.05),
-        key(FILTERED, "width, K"): near(_WIDTH, 0.05),
-        key(FILTERED, "coverage"): between(_COVERAGE - 0.01, _COVERAGE + 0.01),
-        key(FILTERED, "coverage", DOMINATED): between(_DOMINATED - 0.01, _DOMINATED + 0.01),
-    },
-    r"RBPF (default|paper), \d+ free": {
-        key(ONE_STEP, "coverage"): between(0.945, 0.96),
-        key(ONE_STEP, "Winkler, K"): at_most(0.95),
-        INDEX: at_most(1.2),
-        AUC: at_least(0.95),
-    },
-    "RBPF (default|paper), 6 free": {
-        f"H2 {name}": at_most(limit) for name, limit in zip(CHANNELS.values(), PUBLISHED["h2"][AUTHORS], strict=True)
-    },
-    "MKF.*": {
-        key(ONE_STEP, "Winkler, K"): at_most(0.88),
-        key(ONE_STEP, "coverage", DOMINATED): at_least(0.93),
-        WORST_H2: at_most(0.04),
-    },
-    "[EU]KF paper, .*": {
-        key(ONE_STEP, "Winkler, K"): between(2.5, 3.5),
-        key(ONE_STEP, "coverage", DOMINATED): at_most(0.1),
-    },
-    **{
-        f"{name} paper with walk.*": {
-            key(FILTERED, "RMSE, K"): near(row[0], 0.05),
-            key(FILTERED, "Winkler, K"): near(row[1], 0.05),
-            key(FILTERED, "coverage", DOMINATED): at_most(0.1),
-        }
-        for name, row in ((name, PUBLISHED[FILTERED][f"{name}, paper (Table 5)"]) for name in ("EKF", "UKF"))
-    },
-    "[EU]KF paper.*": {INDEX: at_least(3.0)},
-}
-"""What the contenders whose label matches are held to, over measured weather and 154 days."""
 
 
 def verdicts(results: Results) -> list[Verdict]:
