@@ -8,6 +8,9 @@ that no sensor sees.
 from __future__ import annotations
 
 import argparse
+import tomllib
+from collections.abc import Mapping
+from importlib.resources import files
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -33,51 +36,23 @@ from replay.simulated.heating import Heated, Loads, Panel, simulate_heated
 from replay.simulated.simulate import dynamics, simulate
 from replay.simulated.weather import KONSTANZ, Weather, solar_time, weather
 
+_DATA = tomllib.loads(files(__package__).joinpath("ecolar.toml").read_text(encoding="utf-8"))
 ZONE = "Europe/Berlin"
-HEATER_COLUMNS = ("my-pv1", "my-pv2", "my-pv3", "Relay 4", "Relay 5")
+HEATER_COLUMNS = tuple(_DATA["panels"])
 COLUMNS = ("Timestamp", "Temp2", "Sensor_outside", "Other_room_temp", *HEATER_COLUMNS)
 GRID_STEP = 60
 
 Period = Literal["spring", "autumn"]
+Day = tuple[int, int, int]
 
-PERIODS: dict[Period, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
-    "spring": ((2025, 5, 3), (2025, 6, 2)),
-    "autumn": ((2025, 10, 3), (2025, 11, 21)),
-}
+PERIODS: dict[Period, tuple[Day, Day]] = _DATA["periods"]
 FAULTS = Faults(gaps=(8 * 60, 25 * 60, 70 * 60, 5 * HOUR, DAY), late_rows=12, missing=0.003)
-
-THETA = {
-    "C_air": 2.6e5,
-    "C_wo": 4.6e6,
-    "C_wi": 3.5e6,
-    "C_h": 4.2e4,
-    "g_air_out": 4.0,
-    "g_wo_out": 58.0,
-    "g_air_wo": 1400.0,
-    "g_air_wi": 280.0,
-    "g_wi_adj": 50.0,
-    "g_air_h": 270.0,
-}
-# The my-pv panels are switched by the building controller every ten minutes on the clock, the relays by thermostats.
-PANELS = (
-    Panel(750.0, 0.0, 0.3, 10),
-    Panel(750.0, 0.25, 0.3, 10),
-    Panel(500.0, 0.5, 0.3, 10),
-    Panel(400.0, 0.1, 0.4, 1),
-    Panel(300.0, 0.4, 0.4, 1),
-)
+THETA: Mapping[str, float] = _DATA["theta"]
+PANELS = tuple(Panel(*row) for row in _DATA["panels"].values())
 EXPERIMENT = SquareWave(1.0, 0.004, 1 * HOUR, 4 * HOUR)
 PROCESS_NOISE_SD = 0.004  # K per node and minute
-
 ADJACENT_ROOM = tite().with_solar("T_i", Parameter("A_w", "m2", 0.1, 30.0))
-ADJACENT_THETA = {"C_i": 4.0e5, "C_e": 2.6e6, "g_ie": 130.0, "g_e_out": 32.0, "A_w": 1.05}
-
-STAFF = (
-    Habit(WEEKDAYS, (7.0, 18.0), 2.5, (20 * 60, 3 * HOUR), (90.0, 400.0), 0.7),
-    Habit(WEEKDAYS, (7.0, 18.0), 1.5, (30 * 60, 4 * HOUR), (150.0, 1200.0), 0.5),
-)
-DOORS = (Habit(WEEKDAYS, (7.0, 18.0), 3.0, (3 * 60, 25 * 60), (40.0, 160.0), 0.7),)
-
+STAFF, DOORS = (tuple(Habit(WEEKDAYS, *row) for row in rows) for rows in _DATA["habits"].values())
 AIR_SENSOR = Sensor(0.06, 0.1)
 OUTDOOR_SENSOR = Sensor(0.08, 0.1)
 
@@ -133,11 +108,8 @@ def simulate_period(start: int, end: int, seed: int) -> ZonePeriod:
 
 
 def facade_aperture(times: Seconds) -> Array:
-    """Effective solar aperture [m2] over the day: east, south, the neighbour's shadow after two, west."""
-    hour = solar_time(times, KONSTANZ)
-    return np.interp(
-        hour, [5, 7, 9, 10, 13.5, 14.2, 15.5, 16.2, 18, 21], [0, 0.5, 0.5, 0.8, 0.9, 0.2, 0.2, 0.8, 0.8, 0]
-    )
+    """Effective solar aperture [m2] over the day."""
+    return np.interp(solar_time(times, KONSTANZ), _DATA["facade"]["hour"], _DATA["facade"]["aperture"])
 
 
 def write_raw(path: Path, period: ZonePeriod, faults: Faults, seed: int) -> Path:
@@ -171,7 +143,7 @@ def _adjacent_room(sky: Weather) -> Array:
     given = {"T_out": sky.outdoor, "u_heat": np.zeros_like(sky.outdoor), "I_sol": sky.irradiance}
     inputs = np.column_stack([given[channel] for channel in ADJACENT_ROOM.inputs])
     start = np.full(len(ADJACENT_ROOM.nodes), sky.outdoor[:1].mean() + 4.0)
-    return simulate(ADJACENT_ROOM, ADJACENT_THETA, inputs, GRID_STEP, x0=start)[:, 0]
+    return simulate(ADJACENT_ROOM, _DATA["adjacent_theta"], inputs, GRID_STEP, x0=start)[:, 0]
 
 
 def _set_points(local: Seconds, rng: np.random.Generator) -> Array:
