@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,9 +22,6 @@ from service.cli.main import main
 
 ROOT = Path(__file__).parents[4]
 EXAMPLES = ROOT / "deploy" / "examples"
-LOG = str(EXAMPLES / "data" / "ecolar-standin.csv.gz")
-DARK = ["--set", "zones.office.channels.I_sol.valid=[5000, 6000]"]
-"""No sun that counts."""
 SHORT = ["--days", "2", "--particles", "60", "--seeds", "2", "--jobs", "2"]
 
 
@@ -146,43 +144,21 @@ def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Pa
     assert kept < {path.name for path in (tmp_path / "runs").iterdir()}
 
 
+MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text(encoding="utf-8"))["mistakes"]
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["semi-synthetic", "--data", "a.csv", "--data", "b.csv"], "this experiment takes one file"),
-        (["semi-synthetic", "--data", "missing.csv"], "missing.csv: cannot be read"),
-        (["semi-synthetic", "--network", "tit"], 'unknown network "tit"'),
-        (["semi-synthetic", "--network", "tite", "--config", "x.toml"], "give one of them"),
-        (["semi-synthetic", "--network", "tite", "--set", "parameters.C_i.lower=3e6"], "have no nominal value"),
-        (["ecolar", "--data", "missing.csv"], "missing.csv"),
-        (["ecolar", "--network", "titeth"], "it needs the channels T_air, T_out, T_adj, u_heat"),
-        (["lies", "--days", "3"], "--days means nothing to this experiment"),
-        (["ecolar", "--state", "var"], "--state means nothing to this experiment"),
-        (["sensitivity", "--case", "undisturbed"], "--case means nothing to this experiment"),
-        (["hours-ahead", "--zone", "living"], "name that with --config"),
-        (["hours-ahead", "--data", "."], "it holds none of flexhouse_prbs1/inputPRBS1.csv"),
-        (["hours-ahead", "--data", ".", "--config", "x.toml"], "give one of the two"),
-        (["hours-ahead", "--network", "tite"], "--network means nothing to this experiment"),
-        (["hours-ahead", "--recording", "twin house attic"], "there is none; there are FlexHouse, "),
-        (["hours-ahead", "--recording", "FlexHouse"], "its file is not there; name the folder that has it with --data"),
-        (["hours-ahead", "--recording", "building 67", "--days", "2", "--contender", "mkf:particels=3"], "particels"),
-        (["topology", "--data", LOG], "--data means nothing"),
-        (["topology", "--particles", "100"], "--particles means nothing"),
-        (["topology", "--config", f"{EXAMPLES}/flexhouse.toml", *DARK], "no 12 h of the recording have all of"),
-        pytest.param(["control", "--case", "flood"], "there is no case 'flood'", marks=needs_energyplus),
-        pytest.param(["control", "--building", "castle"], "there is no building 'castle'", marks=needs_energyplus),
-        pytest.param(["control", "--days", "2"], "--days 2: a third of them is history", marks=needs_energyplus),
-        (["ecolar", "--data", "2024/living.csv", "--data", "2025/living.csv"], "several files called 'living'"),
-        (["nonsense"], "invalid choice: 'nonsense'"),
-        (["lies", "--seeds", "none"], "neither a number of seeds nor a list"),
-        (["lies", "--seeds", "0"], "from 1 to 1000"),
+        pytest.param(row["options"], row["said"], marks=needs_energyplus if "energyplus" in row else ())
+        for row in MISTAKES
     ],
 )
 def test_mistakes_are_one_sentence(
     options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["experiment", *options]) in (1, 2)
+    assert main(["experiment", *(word.replace("EXAMPLES", str(EXAMPLES)) for word in options)]) in (1, 2)
     complaint = capsys.readouterr().err
     assert said in complaint
     assert complaint.startswith("thermogate: ")
