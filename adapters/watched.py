@@ -13,7 +13,27 @@ from adapters.edge import LiveConverter, looked_at
 from adapters.errors import SourceConfigError, said_of
 from adapters.reading import Fault, Probe, Quality, Reading
 
+POLLS_IN_A_STRETCH = 10
+"""Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now."""
+
+REPEAT = 600.0
+"""What is wrong with what comes is said again after this time at the earliest, in s."""
+
 _log = logging.getLogger(__name__)
+
+
+class Seldom:
+    """Whether it is time to say something, by what it is about: at once, and again after REPEAT s."""
+
+    def __init__(self) -> None:
+        self._next: dict[Hashable, float] = {}
+
+    def __call__(self, about: Hashable) -> bool:
+        now = time.monotonic()
+        if now < self._next.get(about, now):
+            return False
+        self._next[about] = now + REPEAT
+        return True
 
 
 class Verdict(NamedTuple):

@@ -10,10 +10,7 @@ from adapters.bacnet.units import NO_UNITS, differs, unit_of
 from adapters.bacnet.values import Flags, Tagged, Unreadable, flags, number
 from adapters.channel import Binding
 from adapters.reading import Fault, Probe, Quality
-from adapters.watched import Verdict, Watched
-
-# Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now.
-_POLLS_IN_A_STRETCH = 10
+from adapters.watched import POLLS_IN_A_STRETCH, Verdict, Watched
 
 
 class BacnetChannel(Watched):
@@ -21,7 +18,7 @@ class BacnetChannel(Watched):
     than `unit`, None for any."""
 
     def __init__(self, binding: Binding, poll: float) -> None:
-        super().__init__(binding, _POLLS_IN_A_STRETCH * poll)
+        super().__init__(binding, POLLS_IN_A_STRETCH * poll)
         channel = binding.channel
         self.device: int = channel.device
         self.object = parse_object(channel.object)

@@ -6,20 +6,23 @@ import asyncio
 import logging
 import math
 import time
+import zlib
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
 from adapters.bacnet.asking import Asking
 from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Notification, Refused
+from adapters.bacnet.config import BacnetConfig
 from adapters.bacnet.objects import DEVICE, PRESENT_VALUE, SERVICES_SUPPORTED, STATUS_FLAGS, UNITS, ObjectId, Property
 from adapters.bacnet.points import BacnetChannel, Seen, addresses, judged
 from adapters.bacnet.values import Tagged, Unreadable, whole
 from adapters.reading import Batch, Fault, Reading
 from adapters.rhythm import Rhythm
 from adapters.watched import Channels
+
+LARGEST_PROCESS = 0x3FFFFF
 
 LONGEST_SILENCE = 30.0
 """After this time at the latest a silent device is asked again, in s."""
@@ -38,17 +41,6 @@ _OBJECT_OCTETS = 34
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class Manner:
-    """How a device is asked: every `poll` s, with subscriptions of `lifetime` s under the number `process`; `phase` s
-    after the first time for the second, so that not all devices answer at once."""
-
-    poll: float
-    lifetime: float
-    process: int
-    phase: float = 0.0
-
-
 class _Kept(NamedTuple):
     """What was last seen of an object, and when it was read (monotonic s; -inf: only told of)."""
 
@@ -65,15 +57,17 @@ class Session:
         device: int,
         link: BacnetLink,
         channels: Channels[BacnetChannel],
-        manner: Manner,
+        table: BacnetConfig,
         deliver: Callable[[Batch], Awaitable[None]],
     ) -> None:
         self.silent: bool | None = None
         self.reason = ""
         """Why it is silent."""
         self._source, self._instance, self._link = source, device, link
-        self._channels, self._manner, self._deliver = channels, manner, deliver
-        self.rhythm = Rhythm(f"sources.{source} device {device}", manner.poll)
+        self._channels, self._table, self._deliver = channels, table, deliver
+        self._process = zlib.crc32(source.encode()) % LARGEST_PROCESS + 1
+        """The number of its subscriptions."""
+        self.rhythm = Rhythm(f"sources.{source} device {device}", table.poll)
         self._device: Device | None = None
         self._at: str | None = None
         """The address that the device was given last, if any."""
@@ -87,15 +81,16 @@ class Session:
         """Objects with a subscription, and when it is to be renewed (monotonic s)."""
         self._not_offered: set[ObjectId] = set()
 
-    async def follow(self) -> None:
-        """Ask for ever; never raises for what a device does."""
-        self.rhythm.begin(self._manner.phase - self._manner.poll)
+    async def follow(self, phase: float) -> None:
+        """Ask for ever, `phase` s after the first time for the second, so that not all devices answer at once; never
+        raises for what a device does."""
+        self.rhythm.begin(phase - self._table.poll)
         pause = 0.0
         while True:
             try:
                 await self._look()
             except (NoAnswer, Refused) as error:
-                pause = min(2 * pause or self._manner.poll, LONGEST_SILENCE)
+                pause = min(2 * pause or self._table.poll, LONGEST_SILENCE)
                 self._note_silence(str(error))
                 await asyncio.sleep(pause)
                 continue
@@ -148,7 +143,7 @@ class Session:
         to_read = [
             object
             for object in objects
-            if object not in self._subscribed or now >= self._kept[object].read + max(CONFIRM, self._manner.poll)
+            if object not in self._subscribed or now >= self._kept[object].read + max(CONFIRM, self._table.poll)
         ]
         if objects and not to_read:
             # What was told counts while the device answers.
@@ -186,7 +181,7 @@ class Session:
 
     async def _subscribe(self, device: Device) -> None:
         """Subscribe to what can be subscribed to, and renew what is due; a part of it, so that readings do not wait."""
-        lifetime, poll = self._manner.lifetime, self._manner.poll
+        lifetime, poll = self._table.lifetime, self._table.poll
         if not device.subscriptions or poll >= CONFIRM:
             return
         objects = self._objects()
@@ -203,7 +198,7 @@ class Session:
                 break
             left -= 1
             try:
-                await self._link.subscribe(device, object, self._manner.process, lifetime)
+                await self._link.subscribe(device, object, self._process, lifetime)
             except Refused as error:
                 self._subscribed.pop(object, None)
                 self._not_offered.add(object)

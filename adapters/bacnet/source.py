@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-import zlib
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Sequence
 from functools import partial
@@ -19,17 +18,12 @@ from adapters.bacnet.values import Tagged, Unreadable, number, text, whole
 from adapters.channel import Binding
 from adapters.errors import SourceUnavailable
 from adapters.reading import Batch, Probe
-from adapters.watched import Channels, LiveSource
+from adapters.watched import Channels, LiveSource, Seldom
 
 if TYPE_CHECKING:
     from adapters.bacnet.client import BacnetLink, Device, Notification
     from adapters.bacnet.session import Session
     from adapters.scanning import Scan, Scanned
-
-REPEAT = 600.0
-"""That something malformed comes is said again after this time at the earliest, in s."""
-
-LARGEST_PROCESS = 0x3FFFFF
 
 _ROOM = 1000
 _LOOK = 0.5
@@ -57,7 +51,7 @@ class BacnetSource(LiveSource):
         self._channels = Channels(name, bindings, lambda one: BacnetChannel(one, table.poll))
         self._late = 0
         self._sessions: dict[int, Session] = {}
-        self._said: dict[str, float] = {}
+        self._seldom = Seldom()
 
     @property
     def late(self) -> int:
@@ -154,22 +148,20 @@ class BacnetSource(LiveSource):
 
     def _follow(self, link: BacnetLink, arrived: asyncio.Queue[Batch], tasks: dict[int, asyncio.Task[None]]) -> None:
         """Follow every device that has channels, and no other."""
-        from adapters.bacnet.session import Manner, Session
+        from adapters.bacnet.session import Session
 
-        process = zlib.crc32(self.name.encode()) % LARGEST_PROCESS + 1
         devices = addresses(self._channels.all())
         for device in tasks.keys() - devices.keys():
             tasks.pop(device).cancel()
             self._late += self._sessions.pop(device).rhythm.late
-        poll, lifetime = self._table.poll, self._table.lifetime
         for index, device in enumerate(devices):
             if device in tasks:
                 self._sessions[device].rebound()
                 continue
-            manner = Manner(poll, lifetime, process, phase=poll * (index + 1) / len(devices))
-            session = Session(self.name, device, link, self._channels, manner, arrived.put)
+            session = Session(self.name, device, link, self._channels, self._table, arrived.put)
             self._sessions[device] = session
-            tasks[device] = asyncio.create_task(session.follow(), name=f"source {self.name} device {device}")
+            phase = self._table.poll * (index + 1) / len(devices)
+            tasks[device] = asyncio.create_task(session.follow(phase), name=f"source {self.name} device {device}")
 
     def _heard(self, notification: Notification) -> None:
         for session in self._sessions.values():
@@ -184,15 +176,9 @@ class BacnetSource(LiveSource):
     def _note(self, kind: str) -> None:
         """Something came that cannot be used."""
         self.malformed[kind] += 1
-        now = time.monotonic()
-        if now >= self._said.get(kind, float("-inf")):
-            self._said[kind] = now + REPEAT
-            _log.warning(
-                "sources.%s: something came that cannot be used (%s); %d of this kind so far",
-                self.name,
-                kind,
-                self.malformed[kind],
-            )
+        if self._seldom(kind):
+            say = "sources.%s: something came that cannot be used (%s); %d of this kind so far"
+            _log.warning(say, self.name, kind, self.malformed[kind])
 
 
 async def _soon(arrived: asyncio.Queue[Batch]) -> Batch | None:

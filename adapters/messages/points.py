@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Iterable, Iterator, Sequence
 
 from adapters.channel import Binding
@@ -13,10 +12,7 @@ from adapters.messages.dating import Dating
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
 from adapters.payload.payload import Decoded, Payload, PayloadFormat, Rejected, decode, numbers_in, shown
 from adapters.reading import Fault, Probe, Quality, Reading
-from adapters.watched import Channels, Watched
-
-REPEAT = 600.0
-"""What is wrong with the samples of a channel is said again after this time at the earliest, in s."""
+from adapters.watched import Channels, Seldom, Watched
 
 _log = logging.getLogger(__name__)
 
@@ -33,7 +29,7 @@ class MessageChannel(Watched):
         self.known_until = float("-inf")
         """What is not newer was had before the session was opened anew, UTC s."""
         self.heard = False
-        self._said: dict[Fault, float] = {}
+        self._seldom = Seldom()
 
     def forget_after(self, arrived: float) -> None:
         """Forget what was had if it is dated after `arrived` (UTC s), the time of arrival of a new sample.
@@ -46,9 +42,7 @@ class MessageChannel(Watched):
 
     def say(self, rejected: Rejected, place: str) -> None:
         """Log what is wrong with what came at `place`, now and then."""
-        now = time.monotonic()
-        if now >= self._said.get(rejected.fault, float("-inf")):
-            self._said[rejected.fault] = now + REPEAT
+        if self._seldom(rejected.fault):
             _log.warning("%s (%s): the payload %s", self.id, place, rejected.sentence)
 
 

@@ -12,9 +12,9 @@ from adapters.channel import Binding
 from adapters.messages.config import MessagesConfig
 from adapters.messages.dating import Dating
 from adapters.messages.inbox import Inbox, Incoming
-from adapters.messages.points import REPEAT, MessageChannel, MessageChannels, probed
+from adapters.messages.points import MessageChannel, MessageChannels, probed
 from adapters.reading import Batch, Fault, Probe, Reading
-from adapters.watched import LiveSource
+from adapters.watched import LiveSource, Seldom
 
 TRANSIT = 1.0
 """How long a message may be on its way before the source's clock has gone past its time, in s."""
@@ -53,7 +53,7 @@ class SubscribedSource(LiveSource):
         self._dating, self._noun = Dating(times, table.max_ahead), noun
         self._room, self._longest_stretch = table.queue, table.longest_stretch
         self._channels = MessageChannels(name, bindings, self._dating, table.longest_stretch, noun)
-        self._drop_said = float("-inf")
+        self._seldom = Seldom()
 
     def _begin(self) -> Inbox:
         """The channels as they are listed now, with nothing heard yet, and an empty inbox for them."""
@@ -103,8 +103,7 @@ class SubscribedSource(LiveSource):
 
     def _note_drop(self, key: str, count: int) -> None:
         self.dropped += count
-        if time.monotonic() >= self._drop_said:
-            self._drop_said = time.monotonic() + REPEAT
+        if self._seldom("dropped"):
             say = "sources.%s: samples of %s come faster than they can be taken; the %d oldest were dropped, %d of this"
             _log.warning(f"{say} source so far", self.name, key, count, self.dropped)
 

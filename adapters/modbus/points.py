@@ -11,10 +11,7 @@ from adapters.modbus.codec import Format, decode, is_available
 from adapters.modbus.config import ModbusConfig
 from adapters.modbus.plan import Point, Request
 from adapters.reading import Fault, Quality, Reading
-from adapters.watched import Channels, Verdict, Watched
-
-# Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now.
-_POLLS_IN_A_STRETCH = 10
+from adapters.watched import POLLS_IN_A_STRETCH, Channels, Verdict, Watched
 
 
 class ModbusChannel(Watched):
@@ -23,7 +20,7 @@ class ModbusChannel(Watched):
     def __init__(self, binding: Binding, table: ModbusConfig) -> None:
         channel = binding.channel
         self.format: Format = channel.format
-        super().__init__(binding, _POLLS_IN_A_STRETCH * table.poll, self.format.rollover)
+        super().__init__(binding, POLLS_IN_A_STRETCH * table.poll, self.format.rollover)
         self.register: int = channel.register
         """Its first register, as the operator numbers them."""
         address = self.register - table.first_register

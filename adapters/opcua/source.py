@@ -13,16 +13,13 @@ from adapters.opcua.values import Seen
 from adapters.reading import Batch, Probe, Reading
 from adapters.rhythm import Rhythm
 from adapters.scanning import Scan, Scanned
-from adapters.watched import Channels, LiveSource, Watched
+from adapters.watched import POLLS_IN_A_STRETCH, Channels, LiveSource, Watched
 
 if TYPE_CHECKING:
     from adapters.opcua.client import OpcuaLink
 
 CONFIRM = 60.0
 """Nodes with a subscription are read as well after this time, in s."""
-
-# Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now.
-_POLLS_IN_A_STRETCH = 10
 
 _log = logging.getLogger(__name__)
 
@@ -31,7 +28,7 @@ class OpcuaChannel(Watched):
     """A channel at work, by the node whose value it is."""
 
     def __init__(self, binding: Binding, poll: float) -> None:
-        super().__init__(binding, _POLLS_IN_A_STRETCH * poll)
+        super().__init__(binding, POLLS_IN_A_STRETCH * poll)
         self.point = self.place = str(binding.channel.node)
         self.subscribe = bool(binding.channel.subscribe)
 
