@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator, Sequence
+from functools import partial
 from math import isfinite
 
 from adapters.modbus.client import Answer, ModbusLink, NoAnswer, Refused
 from adapters.modbus.codec import Format, decode, is_available, other_orders, other_sign
-from adapters.modbus.plan import Point
 from adapters.modbus.points import ModbusChannel
 from adapters.reading import Probe
 
@@ -23,17 +23,16 @@ _NUMBERED = {"1": "discrete", "3": "input", "4": "holding"}
 
 async def probe_all(link: ModbusLink, channels: Sequence[ModbusChannel], seconds: float) -> list[Probe]:
     """A probe of every channel, in their order. Counters are read twice, `seconds` apart. Raises SourceUnavailable."""
-    answers: list[Answer | Refused | str] = []
     silent: dict[int, str] = {}
-    for channel in channels:
-        answers.append(await _look(link, channel, silent))
-    again: dict[int, Answer | Refused | str] = {}
-    counters = [k for k, channel in enumerate(channels) if channel.edge.counter and isinstance(answers[k], Answer)]
+    answers = [await _look(link, channel, silent) for channel in channels]
+    again: dict[str, Answer | Refused | str] = {}
+    pairs = list(zip(channels, answers, strict=True))
+    counters = [one for one, answer in pairs if one.edge.counter and isinstance(answer, Answer)]
     if counters:
         await asyncio.sleep(seconds)
-        again = {k: await _look(link, channels[k], silent) for k in counters}
+        again = {one.id: await _look(link, one, silent) for one in counters}
     probes = []
-    for k, (channel, answer) in enumerate(zip(channels, answers, strict=True)):
+    for channel, answer in pairs:
         if isinstance(answer, str):
             probes.append(Probe(channel.id, channel.place, "-", None, None, answer))
             continue
@@ -41,13 +40,10 @@ async def probe_all(link: ModbusLink, channels: Sequence[ModbusChannel], seconds
             verdict = f"the device refuses it: {answer}; check table and register"
             probe = Probe(channel.id, channel.place, "-", None, None, verdict, tuple(_numbered(channel)))
         else:
-            later = again.get(k)
+            later = again.get(channel.id)
             probe = probed(channel, answer, later if isinstance(later, Answer) else None)
-        if (
-            probe.verdict != "good"
-            and not probe.verdict.startswith("not available")
-            and channel.point.unit not in silent
-        ):
+        sound = probe.verdict == "good" or probe.verdict.startswith("not available")
+        if not sound and channel.point.unit not in silent:
             probe = probe._replace(hints=(*probe.hints, *await _nearby(link, channel)))
         probes.append(probe)
     return probes
@@ -71,39 +67,35 @@ def probed(channel: ModbusChannel, answer: Answer, later: Answer | None = None) 
     bits = channel.point.table in ("coil", "discrete")
     raw = " ".join(str(word) if bits else f"0x{word:04x}" for word in words)
     layout = channel.format.type if len(words) == 1 else f"{channel.format.type} {channel.format.order}"
-    place = f"{channel.place} {layout}"
+    seen = partial(Probe, channel.id, f"{channel.place} {layout}", raw)
     if not is_available(words, channel.format):
-        return Probe(channel.id, place, raw, None, answer.time, "not available: the device has no value here now")
-    number = decode(words, channel.format)
+        return seen(None, answer.time, "not available: the device has no value here now")
     if edge.counter:
         verdict, hints = _counted(channel, answer, later)
-        return Probe(channel.id, place, raw, None, answer.time, verdict, tuple(hints))
+        return seen(None, answer.time, verdict, tuple(hints))
+    number = decode(words, channel.format)
     value = edge.value(number)
     doubt = edge.doubt(value)
     if edge.fault(value) is None and 0 < abs(number) < _NEARLY_NOTHING:
         doubt = "doubtful: nearly but not quite 0, as numbers with swapped registers are"
-    if doubt is None:
-        return Probe(channel.id, place, raw, value, answer.time)
-    return Probe(channel.id, place, raw, value, answer.time, doubt, tuple(_hints(channel, words)))
+    return seen(value, answer.time, doubt or "good", tuple(_hints(channel, words)) if doubt else ())
 
 
 def _hints(channel: ModbusChannel, words: Sequence[int]) -> Iterator[str]:
-    for order, number in other_orders(words, channel.format).items():
-        value = channel.edge.value(number)
-        mark = ", which is plausible" if _plausible(channel, number) else ""
-        yield f"{order} would be {value:.6g}{mark}"
-    twin = other_sign(words, channel.format)
-    if twin is not None and _plausible(channel, twin[1]):
-        yield f"{twin[0]} would be {channel.edge.value(twin[1]):.6g}, which is plausible"
-    number = decode(words, channel.format)
-    for scale in _SCALES:
-        if isfinite(number) and channel.format.type != "bool" and _plausible(channel, number * scale):
-            written = f"{channel.edge.scale * scale:g}"
-            yield f"scale = {written} would be {channel.edge.value(number * scale):.6g}, which is plausible"
+    number, twin = decode(words, channel.format), other_sign(words, channel.format)
+    for order, other in other_orders(words, channel.format).items():
+        yield _would_be(channel, order, other) or f"{order} would be {channel.edge.value(other):.6g}"
+    scales = _SCALES if isfinite(number) and channel.format.type != "bool" else ()
+    others = [twin] if twin is not None else []
+    others += [(f"scale = {channel.edge.scale * scale:g}", number * scale) for scale in scales]
+    yield from filter(None, (_would_be(channel, name, other) for name, other in others))
 
 
-def _plausible(channel: ModbusChannel, number: float) -> bool:
-    return abs(number) >= _NEARLY_NOTHING and channel.edge.is_usual(channel.edge.value(number))
+def _would_be(channel: ModbusChannel, name: str, number: float) -> str | None:
+    """The hint that the raw `number`, which is there under another `name`, would be plausible; None if it is not."""
+    value = channel.edge.value(number)
+    plausible = abs(number) >= _NEARLY_NOTHING and channel.edge.is_usual(value)
+    return f"{name} would be {value:.6g}, which is plausible" if plausible else None
 
 
 def _numbered(channel: ModbusChannel) -> Iterator[str]:
@@ -124,19 +116,20 @@ async def _nearby(link: ModbusLink, channel: ModbusChannel) -> list[str]:
     places = [(f"register {channel.register + step}", point._replace(address=point.address + step)) for step in steps]
     other = _OTHER_TABLE[point.table]
     places.append((f"table {other}", point._replace(table=other)))
+    if channel.edge.counter or channel.format.type == "bool":
+        return []
     for name, place in places:
-        if not 0 <= place.address <= 65536 - place.size or channel.format.type == "bool":
+        if not 0 <= place.address <= 65536 - place.size:
             continue
         try:
-            words = (await link.read(*Point(*place))).words
+            words = (await link.read(*place)).words
         except Refused:
             continue
         except NoAnswer:
             break
-        number = decode(words, channel.format)
-        if is_available(words, channel.format) and _plausible(channel, number) and not channel.edge.counter:
-            found.append(f"{name} would be {channel.edge.value(number):.6g}, which is plausible")
-    return found
+        if is_available(words, channel.format):
+            found.append(_would_be(channel, name, decode(words, channel.format)))
+    return [hint for hint in found if hint is not None]
 
 
 def _counted(channel: ModbusChannel, first: Answer, second: Answer | None) -> tuple[str, list[str]]:
