@@ -3,15 +3,13 @@ fault, or nothing; a topic is sound or a sentence."""
 
 from __future__ import annotations
 
-import json
 import socket
 from contextlib import suppress
 from typing import Any
 
 import paho.mqtt.client as paho
-from fuzz.fuzzing import raw, structured
+from fuzz.fuzzing import raw
 from fuzz.messages import NOW, become_readings
-from hypothesis import strategies as st
 
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
 from adapters.mqtt.broker import topic_problem
@@ -39,19 +37,6 @@ def published(topic: str, payload: bytes, retained: bool) -> None:
 def test_mqtt_message(data: bytes) -> None:
     for retained in (False, True):
         published("home/T", data, retained)
-
-
-@structured(
-    examples=80,
-    document=st.recursive(
-        st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
-        lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner, max_size=4),
-        max_leaves=12,
-    ),
-    retained=st.booleans(),
-)
-def test_mqtt_document(document: object, retained: bool) -> None:
-    published("home/T", json.dumps(document).encode(), retained)
 
 
 @raw(b"home/living/T", b"home/+", b"#", b"", b"\x00", b"\xed\xa0\x80", b"a" * 70_000, examples=200)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import string
 from contextlib import suppress
 from typing import Any
 from zoneinfo import ZoneInfo
@@ -16,7 +15,7 @@ from support.sources import bound, source_table
 
 from adapters.payload import json_pointer
 from adapters.payload.line_protocol import UNITS_PER_SECOND, points
-from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode, quality_word
+from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode
 from adapters.payload.times import TIME_FORMATS, parse_time
 from adapters.reading import Quality
 from service.web.readings import read
@@ -201,13 +200,3 @@ def test_json_document(document: object) -> None:
 @structured(examples=80, pack=st.lists(st.dictionaries(LABELS, TREES, max_size=6), max_size=5))
 def test_senml_pack(pack: object) -> None:
     taken(json.dumps(pack).encode(), *PACKS)
-
-
-@structured(
-    examples=100,
-    word=LEAVES,
-    tokens=st.lists(st.text(alphabet=string.digits + "a~/-", max_size=6000), max_size=3),
-)
-def test_pointer_tokens_and_quality_words(word: object, tokens: list[str]) -> None:
-    assert isinstance(quality_word(word), str)
-    json_pointer.resolve([[1, 2], {"a": 1}], tokens)
