@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
 FUZZ_TIMES ?= 100
 
-.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant addon image image-test arm64 overload soak audit fuzz attack screenshots page page-stream golden lock release clean help
+.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant addon image image-test arm64 overload soak audit fuzz attack screenshots page-stream golden lock release clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -128,9 +128,6 @@ screenshots: $(VENV)/.ready  ## the pictures of the page in the documentation, f
 	$(BIN)/python tests/browser/screenshots.py $(SCREENSHOTS)
 
 STREAM ?= 3600
-
-page: $(VENV)/.ready  ## weight, paint and scrolling of the page, into var/page.json; needs chromium
-	$(BIN)/python tests/browser/evidence.py --out var/page.json
 
 page-stream: $(VENV)/.ready  ## an hour (STREAM=3600 s) of a real daemon at 600 times real time in the browser: fails if memory grows
 	$(BIN)/python tests/browser/streaming.py --out var/page-stream.json --seconds $(STREAM)

@@ -20,7 +20,7 @@ prepare_process()
 if TYPE_CHECKING:
     from support.shards import Shards
 
-LONG = [Path(__file__).parent / name for name in ("integration", "browser")]
+LONG = [Path(__file__).parent / name for name in ("integration", "browser", "deploy")]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

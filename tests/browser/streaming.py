@@ -19,7 +19,6 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from browser.evidence import Measured
 from browser.screenshots import demo
 from integration.command import command
 from support.browser import browser, eventually
@@ -62,32 +61,34 @@ class Look:
 def _stream(url: str, daemon: int, seconds: float) -> list[Look]:
     looks: list[Look] = []
     with browser() as launched:
-        pages = {name: Measured(launched) for name in PAGES}
+        pages = {name: launched.new_context(viewport={"width": 1280, "height": 800}).new_page() for name in PAGES}
+        sessions = {name: page.context.new_cdp_session(page) for name, page in pages.items()}
         for name, path in PAGES.items():
-            pages[name].page.goto(url + path)
-        pages["overview"].page.wait_for_selector("tr[data-zone]")
-        eventually(pages["room"].page, "document.querySelectorAll('.js-plotly-plot .scatterlayer').length >= 2")
+            pages[name].goto(url + path)
+        pages["overview"].wait_for_selector("tr[data-zone]")
+        eventually(pages["room"], "document.querySelectorAll('.js-plotly-plot .scatterlayer').length >= 2")
         began = time.monotonic()
         while (passed := time.monotonic() - began) < seconds or len(looks) <= LOOKS:
             if passed >= seconds * len(looks) / LOOKS:
                 thorough = len(looks) in (round(SETTLED * LOOKS), LOOKS)
-                looks.append(_look(url, round(passed), pages, daemon, thorough))
+                looks.append(_look(url, round(passed), sessions, daemon, thorough))
                 print(looks[-1], flush=True)
-            pages["room"].page.wait_for_timeout(1000)
+            pages["room"].wait_for_timeout(1000)
     return looks
 
 
-def _look(url: str, passed: int, pages: dict[str, Measured], daemon: int, thorough: bool) -> Look:
-    heaps: dict[str, tuple[float, int]] = {name: measured.heap() for name, measured in pages.items()}
+def _look(url: str, passed: int, sessions: dict[str, Any], daemon: int, thorough: bool) -> Look:
+    for session in sessions.values():
+        session.send("HeapProfiler.collectGarbage")
     with urllib.request.urlopen(f"{url}/zones", timeout=60) as answer:
-        zones: list[dict[str, Any]] = json.load(answer)["zones"]
+        samples = sum(zone["samples"] for zone in json.load(answer)["zones"])
     return Look(
         passed,
-        sum(zone["samples"] for zone in zones),
-        {name: round(heap, 2) for name, (heap, _) in heaps.items()},
-        {name: nodes for name, (_, nodes) in heaps.items()},
+        samples,
+        {name: round(one.send("Runtime.getHeapUsage")["usedSize"] / 1e6, 2) for name, one in sessions.items()},
+        {name: one.send("Memory.getDOMCounters")["nodes"] for name, one in sessions.items()},
         round(_resident(daemon), 1),
-        {name: round(_held(measured.session), 2) for name, measured in pages.items()} if thorough else {},
+        {name: round(_held(one), 2) for name, one in sessions.items()} if thorough else {},
     )
 
 

@@ -111,6 +111,8 @@ def test_only_the_rows_in_view_are_drawn_but_all_are_printed(visit: Any, thousan
     asked = [url.removeprefix(thousand.url) for url in watched.requests]
     assert (asked.count("/overview"), asked.count("/overview/stream")) == (1, 1), "one request and one stream"
     assert not [url for url in asked if url.startswith("/zones") or "plotly" in url]
+    sizes = "performance.getEntriesByType('resource').map(({encodedBodySize}) => encodedBodySize)"
+    assert 10_000 < sum(page.evaluate(sizes)) < 150_000, "bytes over the wire"
     page.emulate_media(media="print")
     page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
     assert len(names(page)) == 1000
