@@ -21,7 +21,7 @@ import urllib.error
 import urllib.parse
 import urllib.request
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from datetime import datetime
 from typing import Any, NamedTuple
 
@@ -52,36 +52,27 @@ DISCOMFORT = 100.0
 """What a kelvin outside the comfort band costs for an hour, in the currency of the price."""
 
 
+def _told(meaning: str, default: Any) -> Any:
+    """A setting with what it is, for --help."""
+    return field(default=default, metadata={"meaning": meaning})
+
+
 @dataclass(frozen=True)
 class Settings:
-    """What is controlled and how. Powers in W, temperatures in degC, times in s, prices per kWh."""
+    """What is controlled and how. Powers in W, temperatures in degC, times in s, prices per kWh.
+
+    `sure` is 1.64 for a 90 % interval, and counts twice where forecasts are doubtful.
+    """
 
     zone: str
-    heater: str = "u_heat"
-    power: float = 2000.0
-    low: float = 20.0
-    high: float = 23.0
-    step: float = 900.0
-    horizon: float = 86400.0
-    differential: float = 0.3
-    """Between the thermostat's switching on and off, K."""
-    sure: float = 1.64
-    """Standard deviations of the forecast that a plan stays inside the comfort band (1.64: of a 90 % interval); twice
-    that where forecasts are doubtful."""
-
-
-MEANINGS = {
-    "zone": "the zone that is heated",
-    "heater": "its input that is planned",
-    "power": "the heater's largest power, W",
-    "low": "lower end of the comfort band, degC",
-    "high": "its upper end, degC",
-    "step": "from one plan to the next, s",
-    "horizon": "how far a plan reaches at most, s",
-    "differential": "between the thermostat's switching on and off, K",
-    "sure": "standard deviations of the forecast that a plan stays inside the comfort band",
-}
-"""What each of the settings is, for --help."""
+    heater: str = _told("the input that is planned", "u_heat")
+    power: float = _told("the heater's largest power, W", 2000.0)
+    low: float = _told("lower end of the comfort band, degC", 20.0)
+    high: float = _told("its upper end, degC", 23.0)
+    step: float = _told("from one plan to the next, s", 900.0)
+    horizon: float = _told("how far a plan reaches at most, s", 86400.0)
+    differential: float = _told("between the thermostat's switching on and off, K", 0.3)
+    sure: float = _told("standard deviations of the forecast that a plan stays inside the comfort band", 1.64)
 
 
 class Decision(NamedTuple):
@@ -336,12 +327,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--url", default="http://127.0.0.1:8080", help="where the daemon serves")
     parser.add_argument("--key", help="API key, if the daemon wants one")
     parser.add_argument("--times", type=int, default=0, help="how many looks; 0: for ever")
-    defaults: Mapping[str, Any] = Settings("").__dict__
-    for name, default in defaults.items():
-        told = MEANINGS[name] if name == "zone" else f"{MEANINGS[name]} (default {default})"
-        parser.add_argument(f"--{name}", type=type(default), required=name == "zone", default=default, help=told)
+    parser.add_argument("--zone", required=True, help="the zone that is heated")
+    for one in fields(Settings)[1:]:
+        told = f"{one.metadata['meaning']} (default {one.default})"
+        parser.add_argument(f"--{one.name}", type=type(one.default), default=one.default, help=told)
     given = vars(parser.parse_args(arguments))
-    settings, ask = Settings(**{name: given[name] for name in defaults}), rest(given["url"], given["key"])
+    settings = Settings(**{one.name: given[one.name] for one in fields(Settings)})
+    ask = rest(given["url"], given["key"])
     memory, decision, made, power = Memory(settings), None, -math.inf, 0.0
     for count in itertools.count(1):
         now = time.monotonic()

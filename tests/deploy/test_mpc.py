@@ -232,7 +232,6 @@ def test_an_answer_that_breaks_off_is_none(mpc: ModuleType) -> None:
 
 
 def test_its_help_names_every_setting_with_its_unit(mpc: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
-    assert mpc.MEANINGS.keys() == mpc.Settings.__dataclass_fields__.keys()
     with pytest.raises(SystemExit) as ended:
         mpc.main(["--help"])
     assert ended.value.code == 0

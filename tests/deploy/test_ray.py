@@ -7,7 +7,6 @@ import re
 import shlex
 import tomllib
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -20,14 +19,14 @@ CLUSTER = yaml.safe_load((FOLDER / "cluster.yaml").read_text(encoding="utf-8"))
 CAMPUS, SERVICE = yaml.safe_load_all((FOLDER / "kuberay.yaml").read_text(encoding="utf-8"))
 HEAD = CAMPUS["spec"]["headGroupSpec"]
 (WORKERS,) = CAMPUS["spec"]["workerGroupSpecs"]
+CONTAINERS = [one for group in (HEAD, WORKERS) for one in group["template"]["spec"]["containers"]]
 
-CLUSTER_FIELDS = {"gcsFaultToleranceOptions", "headGroupSpec", "workerGroupSpecs"}
-"""Of those of a RayCluster (ray.io/v1) that the manifest needs."""
-GROUP_FIELDS = {"groupName", "replicas", "minReplicas", "maxReplicas", "rayStartParams", "template"}
-CONTAINER_FIELDS = {"name", "image", "command", "env", "resources", "volumeMounts", "ports"} | {
-    "readinessProbe",
-    "livenessProbe",
+FIELDS = {
+    "cluster": "gcsFaultToleranceOptions headGroupSpec workerGroupSpecs",
+    "group": "groupName replicas minReplicas maxReplicas rayStartParams template",
+    "container": "name image command env resources volumeMounts ports readinessProbe livenessProbe",
 }
+"""Those of a RayCluster (ray.io/v1) that the manifest needs."""
 
 
 def options_of_start() -> set[str]:
@@ -36,15 +35,10 @@ def options_of_start() -> set[str]:
     return {option for parameter in start.params for option in parameter.opts}
 
 
-def programs() -> bytes:
-    """The programs of Ray that read its settings."""
-    folder = Path(ray.__file__).parent / "core" / "src" / "ray"
-    return b"".join((folder / name).read_bytes() for name in ("gcs/gcs_server", "raylet/raylet"))
-
-
 def settings(environment: dict[str, str]) -> None:
     """Hold the settings of Ray to those that its programs know; one that is misspelled would have no effect."""
-    known = programs()
+    folder = Path(ray.__file__).parent / "core" / "src" / "ray"
+    known = b"".join((folder / name).read_bytes() for name in ("gcs/gcs_server", "raylet/raylet"))
     for name, value in environment.items():
         if re.match(r"RAY_[a-z]", name):
             assert name.removeprefix("RAY_").encode() in known, name
@@ -53,74 +47,53 @@ def settings(environment: dict[str, str]) -> None:
             assert name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_USAGE_STATS_ENABLED"), name
 
 
-def containers() -> list[dict[str, Any]]:
-    return [one for group in (HEAD, WORKERS) for one in group["template"]["spec"]["containers"]]
-
-
-def test_the_cluster_file_is_what_ray_up_takes() -> None:
+def test_the_cluster_file_is_what_ray_up_takes_with_commands_of_ray() -> None:
     pytest.importorskip("jsonschema", reason="Ray checks a cluster file with jsonschema")
     from ray.autoscaler._private.util import prepare_config, validate_config
 
-    prepared = prepare_config(CLUSTER)
-    validate_config(prepared)
+    validate_config(prepare_config(CLUSTER))
     assert CLUSTER["min_workers"] == CLUSTER["max_workers"] == len(CLUSTER["provider"]["worker_ips"])
+    for kind in ("head", "worker"):
+        stop, start = CLUSTER[f"{kind}_start_ray_commands"]
+        assert stop == "ray stop"
+        words = shlex.split(start)
+        begin = words.index("ray")
+        settings(dict(word.split("=", 1) for word in words[:begin]))
+        assert words[begin + 1] == "start"
+        assert {word.split("=")[0] for word in words[begin + 2 :]} <= options_of_start()
+        assert ("--head" in words) == (kind == "head")
+        assert "RAY_AUTH_MODE=token" in words, "nobody else may start anything on the machines"
 
 
-@pytest.mark.parametrize("commands", ["head_start_ray_commands", "worker_start_ray_commands"])
-def test_the_commands_of_the_cluster_file_are_those_of_ray(commands: str) -> None:
-    stop, start = CLUSTER[commands]
-    assert stop == "ray stop"
-    words = shlex.split(start)
-    begin = words.index("ray")
-    settings(dict(word.split("=", 1) for word in words[:begin]))
-    assert words[begin + 1] == "start"
-    assert {word.split("=")[0] for word in words[begin + 2 :]} <= options_of_start()
-    assert ("--head" in words) == (commands == "head_start_ray_commands")
-    assert "RAY_AUTH_MODE=token" in words, "nobody else may start anything on the machines"
-
-
-def test_the_manifest_has_the_fields_of_a_ray_cluster() -> None:
+def test_the_manifest_is_one_of_a_ray_cluster() -> None:
     assert (CAMPUS["apiVersion"], CAMPUS["kind"]) == ("ray.io/v1", "RayCluster")
-    assert set(CAMPUS["spec"]) == CLUSTER_FIELDS
+    assert set(CAMPUS["spec"]) == {*FIELDS["cluster"].split()}
     assert set(CAMPUS["spec"]["gcsFaultToleranceOptions"]) == {"redisAddress"}
-    for group in (HEAD, WORKERS):
-        assert set(group) <= GROUP_FIELDS
+    assert WORKERS["minReplicas"] <= WORKERS["replicas"] <= WORKERS["maxReplicas"]
+    for group, port in ((HEAD, 6379), (WORKERS, int(WORKERS["rayStartParams"]["node-manager-port"]))):
+        assert set(group) <= {*FIELDS["group"].split()}
         assert {f"--{name}" for name in group["rayStartParams"]} <= options_of_start()
         assert all(isinstance(value, str) for value in group["rayStartParams"].values()), "KubeRay takes strings only"
-    assert WORKERS["minReplicas"] <= WORKERS["replicas"] <= WORKERS["maxReplicas"]
-    for container in containers():
-        assert set(container) <= CONTAINER_FIELDS
-        settings({one["name"]: one.get("value", "") for one in container["env"] if "value" in one})
-
-
-def test_probes_need_nothing_that_the_image_lacks() -> None:
-    """Where one is missing, KubeRay puts its own, with wget and the agent of Ray's dashboard."""
-    for group, port in ((HEAD, 6379), (WORKERS, int(WORKERS["rayStartParams"]["node-manager-port"]))):
+        # Where a probe is missing, KubeRay puts its own, which needs what the image lacks.
         container = group["template"]["spec"]["containers"][0]
         assert container["livenessProbe"]["tcpSocket"] == {"port": port}
         assert container["readinessProbe"].keys() & {"tcpSocket", "httpGet"}
+        volumes = {volume["name"] for volume in group["template"]["spec"]["volumes"]}
+        for container in group["template"]["spec"]["containers"]:
+            assert set(container) <= {*FIELDS["container"].split()}
+            settings({one["name"]: one.get("value", "") for one in container["env"] if "value" in one})
+            assert {mount["name"] for mount in container["volumeMounts"]} == volumes
+            assert all(mount["readOnly"] for mount in container["volumeMounts"])
 
 
-def test_the_image_of_the_manifest_can_be_built() -> None:
+def test_the_image_of_the_manifest_can_be_built_and_its_command_is_one_of_ours(tmp_path: Path) -> None:
     image = (ROOT / "deploy" / "container" / "Containerfile").read_text(encoding="utf-8")
     (usual,) = re.findall(r"^ARG EXTRAS=(\S+)$", image, re.MULTILINE)
     (wanted,) = re.findall(r"--build-arg EXTRAS=(\S+)", (FOLDER / "kuberay.yaml").read_text(encoding="utf-8"))
     known = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     assert {"fleet", *usual.split(",")} == set(wanted.split(",")) <= set(known)
     assert '"thermogate[${EXTRAS}] @' in image
-
-
-def test_every_mount_of_the_manifest_has_its_volume() -> None:
-    for group in (HEAD, WORKERS):
-        spec = group["template"]["spec"]
-        volumes = {volume["name"] for volume in spec["volumes"]}
-        for container in spec["containers"]:
-            assert {mount["name"] for mount in container["volumeMounts"]} == volumes
-            assert all(mount["readOnly"] for mount in container["volumeMounts"])
-
-
-def test_the_command_of_the_manifest_is_one_of_ours(tmp_path: Path) -> None:
-    (command,) = [container["command"] for container in containers() if "command" in container]
+    (command,) = [container["command"] for container in CONTAINERS if "command" in container]
     assert command[0] == THERMOGATE.name
     # It reads the configuration first; that there is none here is all that is wrong.
     done = thermogate(*(str(tmp_path / "site.toml") if word.startswith("/") else word for word in command[1:]))
