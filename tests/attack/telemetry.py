@@ -17,7 +17,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from attack.victim import Target
+from attack.victim import Target, Victim
 from support import sites
 from support.broker import Party, broker
 from support.harness import Daemon
@@ -92,17 +92,17 @@ def _on_bus(folder: Path, source: dict[str, Any], locator: str) -> Path:
 
 
 @contextmanager
-def on_mqtt(folder: Path) -> Iterator[tuple[Daemon, Callable[[Target], str]]]:
+def on_mqtt(folder: Path) -> Iterator[tuple[Victim, Callable[[Target], str]]]:
     """A daemon on a broker, and the flood of one topic there."""
     with broker(folder) as site, Party(site.port) as party, _telling(party.put):
         source = {"kind": "mqtt", "host": "127.0.0.1", "port": site.port}
         with Daemon(_on_bus(folder, source, "topic"), folder / "log") as daemon:
             daemon.wait(_begun)
-            yield daemon, lambda target: _flooded(daemon, _mqtt_flood, str(site.port))
+            yield Victim(daemon, "honest"), lambda target: _flooded(daemon, _mqtt_flood, str(site.port))
 
 
 @contextmanager
-def on_zenoh(folder: Path) -> Iterator[tuple[Daemon, Callable[[Target], str]]]:
+def on_zenoh(folder: Path) -> Iterator[tuple[Victim, Callable[[Target], str]]]:
     """A daemon that a publisher on Zenoh connects to, and the flood of one key there."""
     place = endpoint()
     source = {"kind": "zenoh", "mode": "peer", "listen": [place], "writers": ["*"]}
@@ -110,7 +110,7 @@ def on_zenoh(folder: Path) -> Iterator[tuple[Daemon, Callable[[Target], str]]]:
         daemon.url()
         with opened({"mode": "client", "connect/endpoints": [place]}) as session, _telling(session.put):
             daemon.wait(_begun)
-            yield daemon, lambda target: _flooded(daemon, _zenoh_flood, place)
+            yield Victim(daemon, "honest"), lambda target: _flooded(daemon, _zenoh_flood, place)
 
 
 def _begun(zones: dict[str, Any]) -> bool:
@@ -134,7 +134,7 @@ def _flooded(daemon: Daemon, flood: Callable[[str], None], place: str) -> str:
 @contextmanager
 def _posted(
     folder: Path, attack: Callable[[Target, str, str], str]
-) -> Iterator[tuple[Daemon, Callable[[Target], str]]]:
+) -> Iterator[tuple[Victim, Callable[[Target], str]]]:
     """A daemon to which an honest client posts, and `attack`, which is given the key of another one."""
     config = sites.written(
         folder,
@@ -163,7 +163,7 @@ def _posted(
         target = Target(int(daemon.url().rpartition(":")[2]))
         with repeated(tell):
             daemon.wait(_begun)
-            yield daemon, attacked
+            yield Victim(daemon, "honest"), attacked
 
 
 def _again_and_again(target: Target, key: str, kind: str, body: bytes, **headers: str) -> str:

@@ -6,7 +6,6 @@ import math
 import multiprocessing
 import re
 import socket
-import ssl
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -36,18 +35,11 @@ class Target:
     """Where the daemon listens; what attackers in processes of their own need to know."""
 
     port: int
-    encrypted: bool = False
     key: str | None = None
     """An API key to read with."""
 
     def connect(self, timeout: float = 30.0) -> socket.socket:
-        """A connection, encrypted if the daemon is."""
-        plain = socket.create_connection(("127.0.0.1", self.port), timeout)
-        if not self.encrypted:
-            return plain
-        context = ssl.create_default_context()
-        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
-        return context.wrap_socket(plain)
+        return socket.create_connection(("127.0.0.1", self.port), timeout)
 
     def ask(self, request: bytes, timeout: float = 60.0) -> Answer:
         """The answer to `request` on a connection of its own, which the request should ask to close."""
@@ -133,10 +125,9 @@ def _watch(target: Target, stop: Connection) -> None:
 class Victim:
     """`daemon` with its figures at rest; `zone` is read live, a sample a second."""
 
-    def __init__(self, daemon: Daemon, zone: str | None = None) -> None:
+    def __init__(self, daemon: Daemon, zone: str) -> None:
         self.daemon, self._zone = daemon, zone
-        url = daemon.url()
-        self.target = Target(int(url.rpartition(":")[2]), url.startswith("https"), daemon.key)
+        self.target = Target(int(daemon.url().rpartition(":")[2]), daemon.key)
         self.rest = self._memory("VmRSS")
 
     def under(self, attack: Callable[[Target], str]) -> tuple[str, Cost]:
@@ -182,8 +173,6 @@ class Victim:
 
     def _lost(self, begin: float, end: float) -> int:
         """Intervals of the live zone in that time which no reading was taken in."""
-        if self._zone is None:
-            return 0
         time.sleep(3.0)
         rows = self.daemon.history(self._zone)
         measured = {row["time"][:19] for row in rows if row["y"] is not None}
