@@ -16,7 +16,8 @@ from support.broker import SEARCH
 from support.browser import eventually
 from support.building import building
 from support.fake_zones import running
-from support.harness import ROOT, free_port
+from support.harness import ROOT
+from support.processes import free_port
 from support.waiting import PATIENCE, wait_until
 
 NGINX = shutil.which("nginx", path=SEARCH)

@@ -25,7 +25,8 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from integration.command import command
 from integration.witness import Ledger, Report, Row, differing, held
 from support import sites
-from support.harness import Daemon, free_port, thermogate
+from support.harness import Daemon, thermogate
+from support.processes import free_port
 from support.zenoh_plant import endpoint
 
 ZONES = {"north": ("rbpf", 60), "south": ("rbpf", 120), "attic": ("ekf", 60)}

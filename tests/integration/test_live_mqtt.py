@@ -10,7 +10,8 @@ from pathlib import Path
 
 from support import sites
 from support.broker import Mosquitto, Party, broker, flood
-from support.harness import Daemon, free_port, thermogate
+from support.harness import Daemon, thermogate
+from support.processes import free_port
 from support.waiting import repeated, wait_until
 
 TOPICS = {"T_i": ("home/room", "20.5"), "T_out": ("home/outside", "4"), "u_heat": ("home/heating", "1500")}

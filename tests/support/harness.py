@@ -14,7 +14,6 @@ from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 from support.processes import Program
-from support.processes import free_port as free_port
 from support.waiting import wait_until
 
 ROOT = Path(__file__).parents[2]

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from support.certificates import Pair, make_pair
-from support.harness import free_port
+from support.processes import free_port
 from support.sources import bound, source_table
 from support.waiting import PATIENCE
 

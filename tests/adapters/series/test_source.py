@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 
 import pytest
 from support import influx
-from support.harness import free_port
+from support.processes import free_port
 from support.sources import bound, source_table
 
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from support.harness import free_port
+from support.processes import free_port
 from support.zenoh_plant import session as session_of
 
 from adapters.csv.config import LayoutConfig

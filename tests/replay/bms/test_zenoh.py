@@ -12,7 +12,7 @@ import pytest
 import zenoh
 import zenoh.ext
 from support.bms_plant import Clock, simulation
-from support.harness import free_port
+from support.processes import free_port
 
 from replay.bms.faults import parse_spec
 from replay.bms.simulation import Simulation

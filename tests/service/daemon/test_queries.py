@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 import zenoh
 from fastapi import FastAPI
-from support.harness import free_port
 from support.http_client import get, post
+from support.processes import free_port
 from support.publishing import opened, settings
 from support.site_of_rooms import Room, site_of
 from support.zenoh_plant import session as session_of

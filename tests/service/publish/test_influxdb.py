@@ -13,7 +13,7 @@ import pytest
 from line_protocol_parser import parse_line
 from support import influx
 from support.fake_zones import make_update, running
-from support.harness import free_port
+from support.processes import free_port
 from support.waiting import wait_until
 
 from adapters.fields.times import parse_time

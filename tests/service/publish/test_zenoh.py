@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import zenoh
 from support.fake_zones import announced, make_update, running
-from support.harness import free_port
+from support.processes import free_port
 from support.publishing import opened, settings
 from support.zenoh_plant import session as session_of
 
