@@ -8,12 +8,12 @@ since real buildings are disturbed and these filters have no other way to allow 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import sqrt
 from typing import TypeVar
 
 from estimator.network.network import Network
-from estimator.option_checks import check_known, checked_choice, checked_number, checked_preset
+from estimator.option_checks import check_known, checked_preset, choice, in_force, names, number
 
 _REFERENCE_PERIOD = 600.0
 
@@ -22,14 +22,14 @@ _REFERENCE_PERIOD = 600.0
 class AugmentedOptions:
     """What both filters can be told. Standard deviations of a process are per sampling step."""
 
-    preset: str = "default"
-    measurement_sd: float = 0.1
+    preset: str = choice("default", "default", "paper")
+    measurement_sd: float = number(0.1, 1e-6, 100)
     """sigma_y [K], of every measured output; R = sigma_y^2."""
-    process_sd: float = 0.03
+    process_sd: float = number(0.03, 1e-9, 100)
     """Square root of the diagonal of Q_x [K per step], for every state."""
-    parameter_sd: float = 0.01
+    parameter_sd: float = number(0.01, 0, 1)
     """Square root of the diagonal of Q_phi (15) [per step], for every free parameter."""
-    initial: str = "centre"
+    initial: str = choice("centre", "centre", "drawn")
     """"centre": log theta starts at the middle of its box; "drawn": at a draw from the log-uniform prior."""
 
 
@@ -37,7 +37,7 @@ class AugmentedOptions:
 class UKFOptions(AugmentedOptions):
     """And the unscented transform."""
 
-    sigma_reach: float = sqrt(3.0)
+    sigma_reach: float = number(sqrt(3.0), 0.01, 10)
     """Distance of the sigma points from the mean, sqrt(n + kappa) [standard deviations]."""
 
 
@@ -57,14 +57,6 @@ def _default(network: Network, period: float) -> dict[str, object]:
 
 PRESETS = {"default": _default, "paper": _paper}
 
-_RANGES = {
-    "measurement_sd": (1e-6, 100.0),
-    "process_sd": (1e-9, 100.0),
-    "parameter_sd": (0.0, 1.0),
-    "sigma_reach": (0.01, 10.0),
-}
-_CHOICES = {"initial": ("centre", "drawn"), "preset": tuple(PRESETS)}
-
 
 def resolve_ekf(network: Network, period: float, given: Mapping[str, object]) -> AugmentedOptions:
     """The EKF's options in force: the preset for `network` at `period` s, then `given`; OptionsError if wrong."""
@@ -79,11 +71,5 @@ def resolve_ukf(network: Network, period: float, given: Mapping[str, object]) ->
 def _resolve(
     kind: type[_Options], estimator: str, network: Network, period: float, given: Mapping[str, object]
 ) -> _Options:
-    check_known(given, {field.name for field in fields(kind)}, estimator)
-    effective = PRESETS[checked_preset(given, PRESETS)](network, period) | dict(given)
-    for name, value in effective.items():
-        if name in _CHOICES:
-            effective[name] = checked_choice(name, value, _CHOICES[name])
-        else:
-            effective[name] = checked_number(name, value, *_RANGES[name])
-    return kind(**effective)  # type: ignore[arg-type]
+    check_known(given, names(kind), estimator)
+    return in_force(kind, network, PRESETS[checked_preset(given, PRESETS)](network, period) | dict(given))
