@@ -11,7 +11,6 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterator
-from functools import partial
 from typing import NamedTuple
 
 from adapters.fields.times import written_time
@@ -57,7 +56,7 @@ def prune_old(journal: Journal, oldest_checkpoint: Oldest, keep_history: float) 
         if newest is not None:
             before = math.ceil(newest - keep_history)
             firsts = [_first(journal, table, zone) for table in ("samples", "history")]
-            if before > min(firsts) + at_least and _is_steady(newest, partial(journal.sample_time_until, zone)):
+            if before > min(firsts) + at_least and _is_steady(journal, zone, newest):
                 samples, history = (min(before, first + MOST_AT_ONCE) for first in firsts)
                 while journal.delete(zone, min(samples, _needed(zone, newest, oldest_checkpoint)), history):
                     yield
@@ -84,14 +83,11 @@ def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterat
     journal.read("PRAGMA wal_checkpoint(PASSIVE)")
 
 
-def _is_steady(newest: int, sample_until: Callable[[int], int | None]) -> bool:
-    """Whether the samples before the one at `newest` (s) lead up to it without a leap, as far as STEADY_HOURS of them.
-
-    `sample_until` gives the time of the newest sample up to a time, None if there is none.
-    """
+def _is_steady(journal: Journal, zone: str, newest: int) -> bool:
+    """Whether the samples before the one at `newest` (s) lead up to it without a leap, for STEADY_HOURS of them."""
     time = newest
     for _ in range(STEADY_HOURS):
-        earlier = sample_until(time - HOUR)
+        earlier = journal.sample_time_until(zone, time - HOUR)
         if earlier is None:
             return True
         if time - earlier > LEAP:

@@ -95,7 +95,8 @@ def _taken(connection: str, site: str, name: str, owner: str, seconds: float, lo
 
 
 class LeasedSink(Sink):
-    """A sink that passes on what is announced while the lease holds, and nothing afterwards."""
+    """A sink that passes on what is announced while the lease holds, and nothing afterwards. Who opened the sink closes
+    it."""
 
     def __init__(self, sink: Sink, leased: Leased) -> None:
         self._sink, self._leased = sink, leased
@@ -111,11 +112,5 @@ class LeasedSink(Sink):
         if self._leased.held:
             self._sink.publish(announcement)
 
-    def settle(self) -> None:
-        self._sink.settle()
-
     def measures(self) -> list[Measure]:
         return self._sink.measures()
-
-    def close(self) -> None:
-        self._sink.close()

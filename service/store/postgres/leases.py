@@ -9,7 +9,6 @@ zone leaves its lease only by the hand of its owner, or after the lease has been
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Collection
 from typing import NamedTuple
@@ -47,14 +46,13 @@ class Lease(NamedTuple):
 
 
 class Leases:
-    """The leases of `site` in the database that `connection` names. Blocking; may be asked from any thread.
+    """The leases of `site` in the database that `connection` names. Blocking, for one thread at a time.
 
     Times are measured by the database: only how fast the clock of a machine goes matters here, not what it shows.
     """
 
     def __init__(self, connection: str, site: str) -> None:
         self._database = PostgresDatabase(connection, site)
-        self._one = threading.Lock()
         try:
             prepare(self._database)
         except BaseException:
@@ -84,9 +82,8 @@ class Leases:
             other, left = cursor.execute(f"SELECT owner, {_LEFT} FROM leases WHERE name = ?", name).fetchone()
             raise LeaseHeld(name, other or "nobody", max(0.0, left))
 
-        with self._one:
-            asked = steady()
-            return Lease(name, owner, self._database.transaction(work), asked + seconds)
+        asked = steady()
+        return Lease(name, owner, self._database.transaction(work), asked + seconds)
 
     def renew(self, lease: Lease, seconds: float) -> Lease:
         """The same lease for `seconds` from now; Fenced if it has been taken."""
@@ -96,21 +93,18 @@ class Leases:
             if cursor.execute(query, float(seconds), *lease[:3]).rowcount == 0:
                 raise Fenced(_lost(lease))
 
-        with self._one:
-            asked = steady()
-            self._database.transaction(work)
-            return lease._replace(until=asked + seconds)
+        asked = steady()
+        self._database.transaction(work)
+        return lease._replace(until=asked + seconds)
 
     def release(self, lease: Lease) -> None:
         """Give it up, with all its zones; nothing happens if it has been taken already."""
         query = f"UPDATE leases SET owner = NULL, epoch = epoch + 1 WHERE {_OWN}"
-        with self._one:
-            self._database.transaction(lambda cursor: cursor.execute(query, *lease[:3]))
+        self._database.transaction(lambda cursor: cursor.execute(query, *lease[:3]))
 
     def close(self) -> None:
         """Close the connection; safe to call twice."""
-        with self._one:
-            self._database.close()
+        self._database.close()
 
 
 class Fence:
