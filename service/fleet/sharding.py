@@ -20,10 +20,6 @@ from service.config.site import Config
 
 Hashes = npt.NDArray[np.uint64]
 
-_ROWS = 4096
-"""Zones whose weights are in memory at a time."""
-
-
 _POLLED = ("modbus", "bacnet", "opcua")
 """Kinds of sources whose devices bear one process that polls them."""
 
@@ -69,12 +65,9 @@ def _is_for_one_process(table: Any) -> bool:
 def owners(zones: Sequence[str], shards: Sequence[str]) -> dict[str, str]:
     """The shard of every zone, one of `shards`, of which there must be one at least; the same on every machine."""
     columns = _hashes(shards)
-    found: dict[str, str] = {}
-    for first in range(0, len(zones), _ROWS):
-        some = zones[first : first + _ROWS]
-        best = np.argmax(_mixed(_hashes(some)[:, None] ^ columns[None, :]), axis=1)
-        found |= {zone: shards[column] for zone, column in zip(some, best.tolist(), strict=True)}
-    return found
+    return {
+        zone: shards[int(np.argmax(_mixed(own ^ columns)))] for zone, own in zip(zones, _hashes(zones), strict=True)
+    }
 
 
 def _hashes(names: Sequence[str]) -> Hashes:

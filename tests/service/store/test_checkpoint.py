@@ -71,14 +71,6 @@ def test_objects_are_never_stored(store: CheckpointStore) -> None:
         store.save("living", make(1)._replace(arrays={"bad": np.array([object()])}))
 
 
-def test_the_same_step_is_replaced(store: CheckpointStore) -> None:
-    store.save("living", make(3, scale=1.0))
-    store.save("living", make(3, scale=2.0))
-    loaded = store.load("living", "f1")
-    assert loaded is not None
-    assert loaded.arrays["scale"][0] == 2.0
-
-
 def check_damage(store: CheckpointStore, content: bytes, original: bytes, caplog: pytest.LogCaptureFixture) -> None:
     """A newest checkpoint with `content` is either whole or set aside for the one before."""
     path = store.path / "living" / "000000000002.npz"
