@@ -94,6 +94,8 @@ class Client:
         except (SourceUnavailable, OSError, ValueError) as error:
             reason = self._reason or error.__cause__ or error
             raise SourceUnavailable(_silent(broker, reason)) from error
+        finally:
+            self._answers.pop(None, None)
         if code.is_failure:
             raise SourceUnavailable(
                 f"{broker.place} refuses this client ({code}); check user and password, client_id, and whether the "
