@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
+from functools import partial
 
 from estimator.errors import NetworkError
 from estimator.network.boxes import WIDEST, box, boxed, is_generic
@@ -166,44 +167,38 @@ _HEAT_SPLIT = (
 )
 
 
-def m1() -> Network:
-    return _zone(
-        "m1", "M1: air and outside wall", _INFILTRATION | _OUTSIDE_WALL | _PARTITION, _INTO_AIR, _PARTITION_PARAMETER
-    )
-
-
-def m2() -> Network:
-    edges = _INFILTRATION | _OUTSIDE_WALL | _PARTITION | _HEATER
-    return _zone("m2", "M2: M1 with a heater node", edges, _INTO_HEATER, _PARTITION_PARAMETER)
-
-
-def m3() -> Network:
-    return _zone("m3", "M3: M1 with an adjacent-wall node", _INFILTRATION | _OUTSIDE_WALL | _ADJACENT_WALL, _INTO_AIR)
-
-
 def m4() -> Network:
     return replace(ecolar(), name="m4", description="M4: air, outside wall, adjacent wall, heater (the Ecolar zone)")
 
 
-def m5() -> Network:
-    edges = _INFILTRATION | _OUTSIDE_WALL | _ADJACENT_WALL | _HEATER
-    share = Parameter("f_air", "1", 0.02, 0.98, 0.3)
-    return _zone("m5", "M5: M4 with the heat split between air and heater", edges, _HEAT_SPLIT, share)
-
-
-def m6() -> Network:
-    edges = _OUTSIDE_WALL | _ADJACENT_WALL | _HEATER
-    return _zone("m6", "M6: M4 without direct air-outdoor conductance", edges, _INTO_HEATER)
-
-
-def m7() -> Network:
-    edges = _INFILTRATION | _SPLIT_WALL | _ADJACENT_WALL | _HEATER
-    return _zone("m7", "M7: M4 with the outside wall in two layers", edges, _INTO_HEATER, *_SPLIT_WALL_PARAMETERS)
-
-
-def m8() -> Network:
-    edges = _SPLIT_WALL | _ADJACENT_WALL | _HEATER
-    return _zone("m8", "M8: M7 without direct air-outdoor conductance", edges, _INTO_HEATER, *_SPLIT_WALL_PARAMETERS)
+_WALLS = _OUTSIDE_WALL | _ADJACENT_WALL
+_SPLIT_WALLS = _SPLIT_WALL | _ADJACENT_WALL
+_CANDIDATES: dict[str, Callable[[], Network]] = {
+    "m1": partial(
+        _zone, "m1", "M1: air and outside wall",
+        _INFILTRATION | _OUTSIDE_WALL | _PARTITION, _INTO_AIR, _PARTITION_PARAMETER,
+    ),
+    "m2": partial(
+        _zone, "m2", "M2: M1 with a heater node",
+        _INFILTRATION | _OUTSIDE_WALL | _PARTITION | _HEATER, _INTO_HEATER, _PARTITION_PARAMETER,
+    ),
+    "m3": partial(_zone, "m3", "M3: M1 with an adjacent-wall node", _INFILTRATION | _WALLS, _INTO_AIR),
+    "m4": m4,
+    "m5": partial(
+        _zone, "m5", "M5: M4 with the heat split between air and heater",
+        _INFILTRATION | _WALLS | _HEATER, _HEAT_SPLIT, Parameter("f_air", "1", 0.02, 0.98, 0.3),
+    ),
+    "m6": partial(_zone, "m6", "M6: M4 without direct air-outdoor conductance", _WALLS | _HEATER, _INTO_HEATER),
+    "m7": partial(
+        _zone, "m7", "M7: M4 with the outside wall in two layers",
+        _INFILTRATION | _SPLIT_WALLS | _HEATER, _INTO_HEATER, *_SPLIT_WALL_PARAMETERS,
+    ),
+    "m8": partial(
+        _zone, "m8", "M8: M7 without direct air-outdoor conductance",
+        _SPLIT_WALLS | _HEATER, _INTO_HEATER, *_SPLIT_WALL_PARAMETERS,
+    ),
+}  # fmt: skip
+"""The paper's candidates for the Ecolar zone."""
 
 
 _SMALL = {
@@ -279,14 +274,7 @@ def automatic(channels: Collection[str] = ()) -> Network:
 PRESETS: dict[str, Callable[[], Network]] = {
     "building-67": building_67,
     "ecolar-6r4c": ecolar,
-    "m1": m1,
-    "m2": m2,
-    "m3": m3,
-    "m4": m4,
-    "m5": m5,
-    "m6": m6,
-    "m7": m7,
-    "m8": m8,
+    **_CANDIDATES,
     "tite": tite,
     "titeth": titeth,
     "titethria": titethria,

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import os
 import sys
 import threading
 import time
-from collections import OrderedDict
+from collections import Counter
 from collections.abc import Callable
 from contextlib import nullcontext
 from types import TracebackType
@@ -22,13 +23,15 @@ from adapters.fields.times import written_time, written_to_the_millisecond
 from service.config.log import LEVELS, LogConfig
 
 WINDOW_SECONDS = 60.0
-SWEEP_SECONDS = 5.0
 
 THINGS_PER_TEMPLATE = 20
 """A template may be written for so many things as often as for one: a thousand zones that fail at once fill no disk."""
 
 _KINDS = 4096
-"""Kinds of lines that are counted at a time; the one not seen for longest is forgotten."""
+"""Kinds of lines that are counted at most; then all are counted anew."""
+
+_Kind = tuple[object, ...]
+"""A message template, or one about one thing."""
 
 _LEFT_OUT = "%d more like this were left out: %s"
 
@@ -64,70 +67,46 @@ class LimitedHandler(logging.StreamHandler[TextIO]):
     def __init__(self, stream: TextIO, limit: int, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(stream)
         self._limit, self._clock = limit, clock
-        self._kinds: OrderedDict[tuple[object, ...], _Kind] = OrderedDict()
-        self._next_sweep = clock() + SWEEP_SECONDS
+        self._until = -math.inf
+        """When the minute ends in which lines are counted."""
+        self._written: Counter[_Kind] = Counter()
+        self._left_out: dict[_Kind, tuple[int, logging.LogRecord]] = {}
+        """How many lines of a kind were not written in this minute, and the last of them."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write the line, unless there were enough of its kind; the lock of the handler is held."""
         self.sweep()
-        now = self._clock()
+        if self._until == -math.inf:
+            self._until = self._clock() + WINDOW_SECONDS
         template = (record.name, record.levelno, str(record.msg))
         thing = (*template, str(record.args[0]) if isinstance(record.args, tuple) and record.args else None)
-        wanted = self._counted(thing, self._limit, record, now)
-        if wanted and self._counted(template, self._limit * THINGS_PER_TEMPLATE, record, now):
-            super().emit(record)
+        # A template that is told of ever new things must not fill the memory with them.
+        for kind, limit in ((template, self._limit * THINGS_PER_TEMPLATE), (thing, self._limit)):
+            if self._written[kind] >= limit:
+                self._left_out[kind] = self._left_out.get(kind, (0, record))[0] + 1, record
+                return
+        self._written.update((template, thing))
+        super().emit(record)
 
     def sweep(self) -> None:
-        """Say of every kind whose minute is over how many lines were left out."""
-        now = self._clock()
-        if now < self._next_sweep:
-            return
-        self._next_sweep = now + SWEEP_SECONDS
-        for key, kind in [(key, kind) for key, kind in self._kinds.items() if kind.until <= now]:
-            del self._kinds[key]
-            self._say(kind)
+        """Say how many lines were left out, once their minute is over or there are too many kinds to count."""
+        if self._clock() >= self._until or len(self._written) >= _KINDS:
+            self._say()
 
     def close(self) -> None:
         """Say what was left out until now."""
         with self.lock or nullcontext():
-            for kind in self._kinds.values():
-                self._say(kind)
-            self._kinds.clear()
+            self._say()
         super().close()
 
-    def _counted(self, key: tuple[object, ...], limit: int, record: logging.LogRecord, now: float) -> bool:
-        """Whether one more line of this kind may be written."""
-        kind = self._kinds.get(key)
-        if kind is not None and kind.until <= now:
-            del self._kinds[key]
-            self._say(kind)
-            kind = None
-        if kind is None:
-            kind = self._kinds[key] = _Kind(now + WINDOW_SECONDS)
-            if len(self._kinds) > _KINDS:
-                self._say(self._kinds.popitem(last=False)[1])
-        kind.count += 1
-        if kind.count <= limit:
-            return True
-        kind.left_out, kind.last = kind.left_out + 1, record
-        return False
-
-    def _say(self, kind: _Kind) -> None:
-        if kind.last is not None:
-            last = kind.last
-            words = (kind.left_out, last.getMessage())
+    def _say(self) -> None:
+        for count, last in self._left_out.values():
+            words = (count, last.getMessage())
             said = logging.LogRecord(last.name, last.levelno, last.pathname, last.lineno, _LEFT_OUT, words, None)
             super().emit(said)
-
-
-class _Kind:
-    """Lines of one kind within a minute that ends at `until`."""
-
-    def __init__(self, until: float) -> None:
-        self.until = until
-        self.count = 0
-        self.left_out = 0
-        self.last: logging.LogRecord | None = None
+        self._written.clear()
+        self._left_out.clear()
+        self._until = -math.inf
 
 
 class PlainFormatter(logging.Formatter):

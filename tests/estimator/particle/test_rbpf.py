@@ -189,16 +189,3 @@ def test_an_issue_of_all_particles_unfolds_to_what_they_do_step_by_step(implemen
         for of_whole, of_step in zip(whole.at(ahead), step, strict=True):
             np.testing.assert_allclose(of_whole, of_step, rtol=1e-9)
     assert len(estimator.unfold(state, plan[:0]).means) == 1
-
-
-def test_the_parameter_summary_is_ordered_and_inside_the_boxes():
-    estimator, posteriors = filtered({}, np.full((10, 1), 20.0))
-    levels = np.array([0.05, 0.5, 0.95])
-    summary = estimator.parameters(posteriors[-1].state, levels)
-    assert summary.parameters.shape == (10, 3)
-    assert (np.diff(summary.parameters, axis=1) >= 0).all()
-    for parameter, values in zip(estimator.network.parameters, summary.parameters, strict=True):
-        assert (values >= parameter.lower * (1 - 1e-12)).all()
-        assert (values <= parameter.upper * (1 + 1e-12)).all()
-    assert (np.diff(summary.time_constants, axis=0) > 0).all()
-    assert 10 < summary.heat_loss[1] < 500

@@ -77,12 +77,6 @@ def test_a_bank_gives_the_model_of_its_best_physical_member():
     assert (np.abs(path - mean) <= 5.0 * sd / np.sqrt(400)).all()
 
 
-@pytest.mark.parametrize("name", ["arx", "daily"])
-def test_a_model_without_physics_has_no_matrices(name):
-    estimator, state = learned(name, options={})
-    assert estimator.draws(state, 10) is None
-
-
 @pytest.mark.parametrize("name", ["rbpf", "ekf", "mkf"])
 def test_a_longer_step_passes_through_the_values_of_the_shorter_one(name):
     estimator, state = learned(name)

@@ -54,12 +54,6 @@ def test_the_state_of_a_preset_of_today_still_belongs_to_it(tmp_path: Path) -> N
     assert fingerprint(living(tmp_path, "titethria", estimator="rbpf"))[:6] == known
 
 
-@pytest.mark.parametrize("estimator", ["rbpf", "ekf", "mkf"])
-def test_every_estimator_takes_the_automatic_network(tmp_path: Path, estimator: str) -> None:
-    zone = living(tmp_path, channels={"I_sol": SUN, "T_adj": NEIGHBOUR}, estimator=estimator)
-    assert make_worker(zone).network == zone.network
-
-
 def test_a_member_of_a_bank_can_have_a_variant_of_the_network(tmp_path: Path) -> None:
     members = {"own": {"estimator": "ekf"}, "slab": {"estimator": "ekf", "network": "ground"}}
     bank = make_worker(living(tmp_path, estimator="bank", estimator_options={"members": members})).estimator

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
-from support.config_samples import inline_network, sound, write
+from support.config_samples import inline_network
 
 from estimator.network import presets
 from estimator.network.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
-from service.config.load import load
 from service.config.network_tables import InlineConfig, PresetConfig
 from service.config.networks import preset_network, resolve
 from service.config.written import network_table
@@ -69,12 +67,6 @@ def test_parameters_change_bounds_nominal_and_value() -> None:
     assert network.parameter("C_e") == replace(preset.parameter("C_e"), nominal=3e7)
     assert network.parameter("g_ie") == replace(preset.parameter("g_ie"), nominal=444.0, free=False)
     assert network.parameter("g_ih") == preset.parameter("g_ih")
-
-
-def test_new_bounds_that_exclude_the_preset_nominal_drop_it() -> None:
-    network = built({"preset": "titeth", "parameters": {"C_i": {"lower": 1e7, "upper": 5e7}}})
-
-    assert network.parameter("C_i").nominal is None
 
 
 def test_fixed_parameters_stay_at_their_nominal_value() -> None:
@@ -184,13 +176,6 @@ def test_network_without_heat_inputs() -> None:
     del table["heat_inputs"]
 
     assert built_inline(table).channels == ("T_air", "T_out")
-
-
-def test_a_loaded_zone_carries_its_network(tmp_path: Path) -> None:
-    living, bedroom = load(write(tmp_path, sound(tmp_path))).zones
-
-    assert living.network == presets.tite()
-    assert bedroom.network == presets.titeth().with_solar("T_i", presets.SOLAR_APERTURE)
 
 
 def test_preset_with_overrides() -> None:

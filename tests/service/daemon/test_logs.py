@@ -119,7 +119,7 @@ def test_kinds_are_forgotten_so_that_memory_is_bounded():
     written = Written(limit=1)
     for number in range(10_000):
         written.log.error(f"message {number}")
-    assert len(written.handler._kinds) <= 4096
+    assert len(written.handler._written) <= 4096
 
 
 def test_configured_as_json_everybody_writes_json(restored, capfd):

@@ -9,7 +9,6 @@ import pytest
 from support.waiting import until
 
 from service.daemon.loop_delay import IDLE_SECONDS, PROBE_SECONDS, watch_loop
-from service.publish.metrics import Metrics
 
 HELD = 0.2
 
@@ -50,12 +49,3 @@ def test_an_idle_loop_is_asked_less_often(monkeypatch):
         watch_loop(delays.append).send(None)
     assert loop.pauses == [0.01, 0.02, 0.04, 0.05, 0.05, 0.01, 0.02, 0.04]
     assert max(delays) == pytest.approx(0.03)
-
-
-def test_delays_are_counted_by_bounds():
-    metrics = Metrics({})
-    metrics.observe_loop_delay(0.015)
-    metrics.observe_loop_delay(0.3)
-    name = "thermogate_event_loop_delay_seconds"
-    assert metrics.registry.get_sample_value(f"{name}_bucket", {"le": "0.02"}) == 1
-    assert metrics.registry.get_sample_value(f"{name}_count") == 2

@@ -35,12 +35,6 @@ def looked(clock, vitals, zone, *moments):
     return vitals.problems()
 
 
-def test_a_zone_without_telemetry_is_well(clock):
-    zone = Zone()
-    vitals = Vitals({"z": zone}, (), patience=60)
-    assert looked(clock, vitals, zone, (0, 0, 5), (1000, 0, 5), (100_000, 0, 5)) == []
-
-
 def test_a_zone_that_gets_on_is_well_however_much_waits(clock):
     zone = Zone()
     vitals = Vitals({"z": zone}, (), patience=60)

@@ -105,11 +105,6 @@ def test_a_clock_that_steps_back_or_is_no_number_changes_nothing():
     assert times(align.add("a", [], 600.0)) == [300]
 
 
-def test_one_batch_may_close_many_intervals():
-    readings = [indoor(10.0 * i, float(i // 30)) for i in range(90)]
-    assert measured(alignment().add("a", readings, 900.0)) == [(0, 0.0), (300, 1.0), (600, 2.0)]
-
-
 def test_a_second_reading_of_one_channel_and_time_is_counted_and_the_first_kept():
     align = alignment()
     readings = [indoor(10.0, 20.0), indoor(10.0, 30.0), indoor(10.0, 40.0, UNCERTAIN), Reading("T_out", 10.0, 5.0)]

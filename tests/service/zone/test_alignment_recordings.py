@@ -68,14 +68,3 @@ def test_the_raw_ecolar_layout_over_the_clock_change(ecolar_day):
     for k, sample in enumerate(got):
         assert sample.outputs[0] == pytest.approx(20 + (300 * k + 145) / 1e5, abs=1e-9)
         assert sample.inputs[2] == pytest.approx(250 + 300 * k % 600)
-
-
-def test_a_run_resumed_in_the_middle_ends_with_the_same_samples(ecolar_day):
-    path, _ = ecolar_day
-    whole = samples(*ecolar(path))
-    done = whole[170].time
-    recording, channels, alignment = ecolar(path, resume_after=done)
-    resumed = samples(recording, channels, alignment, start=done + 300)
-    assert [(s.time, s.outputs.tobytes(), s.inputs.tobytes()) for s in resumed] == [
-        (s.time, s.outputs.tobytes(), s.inputs.tobytes()) for s in whole[171:]
-    ]

@@ -158,17 +158,6 @@ def test_overruns_are_logged_now_and_then(monkeypatch, caplog):
     assert watched.lag(now[0] - 12.0).startswith("its estimator is 12.0 s behind")
 
 
-async def test_a_recording_without_a_pace_has_no_overruns(tmp_path):
-    async with plumbing(tmp_path) as shared:
-        zone = make(shared)
-        running = await started(zone, live=False)
-        items = [sample(k) for k in range(20)]
-        await zone.intake.accept(items)
-        await caught_up(zone, items)
-        await finished(zone, running)
-        assert zone.status().overruns == 0
-
-
 async def test_a_mailbox_tells_what_comes_in_its_order():
     box = Mailbox()
     for k in range(mailbox.ROOM + 3):

@@ -29,20 +29,6 @@ def short_pauses(monkeypatch):
         monkeypatch.setattr(module, "LONGEST_PAUSE", 0.02)
 
 
-async def test_a_step_that_fails_once_is_retried_and_nothing_is_lost(tmp_path):
-    announcer = Announced()
-    async with plumbing(tmp_path, announcer) as shared:
-        items = [sample(k) for k in range(40)]
-        zone = make(shared, {items[20].time: 1})
-        running = await fed(zone, items)
-        await caught_up(zone, items)
-        await finished(zone, running)
-        assert "failed" in announcer.states
-        assert comparable(zone.latest()) == straight(items)[-1]
-        rows = await zone.history(None, None, 100)
-        assert [row.time for row in rows] == [item.time for item in items]
-
-
 class Forgetful:
     """An estimator that cannot learn from one value, a few times."""
 

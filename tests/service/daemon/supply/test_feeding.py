@@ -74,12 +74,6 @@ def run(source, start=None):
     return zone.told
 
 
-def test_a_source_that_ends_is_ended():
-    source = Scripted(([batch(1.0), batch(2.0)], None))
-    assert run(source, 0.5) == [("deliver", 1.0, 1), ("deliver", 2.0, 1), ("end", "bms")]
-    assert source.starts == [0.5]
-
-
 class Leaving(Recorder):
     """A zone that a reload takes away another one beside, as it is told."""
 
@@ -132,12 +126,6 @@ def test_a_source_that_works_again_says_so_once(caplog):
         (True, False),
         (True, True),
     ]
-
-
-def test_a_source_that_never_failed_says_nothing(caplog):
-    with caplog.at_level(logging.INFO):
-        run(Scripted(([batch(1.0)], None)))
-    assert "works again" not in caplog.text
 
 
 def test_pauses_are_bounded_and_short_again_after_progress(pauses):
