@@ -128,7 +128,7 @@ def test_the_daemon_runs_on_a_read_only_root_without_any_capability(tmp_path: Pa
         f"{THERMOGATE} run {config} --set 'site.state_dir=\"{state}\"' --set http.port=0 --set zenoh.enabled=false "
         "--set 'zones.room-1.estimator=\"ekf\"'",
     ]
-    # Compiling takes a minute; the test of the systemd unit does it without any capability, too.
+    # Compiling the kernels, which takes a while, is a matter of the systemd unit's test.
     environment = os.environ | {"XDG_CACHE_HOME": str(cache), "HOME": "/nonexistent", "PYTHONDONTWRITEBYTECODE": "1"}
     environment |= {"NUMBA_DISABLE_JIT": "1"}
     environment.pop("NUMBA_CACHE_DIR", None)

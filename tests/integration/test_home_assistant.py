@@ -257,7 +257,7 @@ def _as_published(house: HomeAssistant, listening: Party) -> bool:
 def test_a_zone_learns_from_what_the_recorder_has_kept(home: tuple[HomeAssistant, int, Path], tmp_path: Path) -> None:
     """Home Assistant writes the database, and `thermogate learn` takes it into the state of a live zone."""
     house, _, folder = home
-    for step in range(12):
+    for step in range(8):
         degrees = {"unit_of_measurement": "°C", "device_class": "temperature"}
         told = {"sensor.outdoor": ("4.0", degrees), "sensor.study": (f"{20 + 0.1 * step:.1f}", degrees)}
         told["climate.study"] = ("heat", {"hvac_action": "heating" if step % 2 else "idle"})
@@ -265,7 +265,7 @@ def test_a_zone_learns_from_what_the_recorder_has_kept(home: tuple[HomeAssistant
             house.ask(f"/api/states/{entity}", {"state": state, "attributes": attributes})
         time.sleep(1.0)
     places = {name: {"topic": name} for name in sites.UNITS}
-    zone = sites.zone("room", "home", places, period="2s", network="titeth", estimator="ekf")
+    zone = sites.zone("room", "home", places, network="titeth", estimator="ekf")
     plant = sites.written(tmp_path, {"home": {"kind": "mqtt", "host": "127.0.0.1"}}, [zone])
     history = """
         [sources.past]

@@ -14,7 +14,6 @@ from support.harness import Daemon, ask, reload
 from support.modbus_plant import configuration, plant, running
 from support.waiting import wait_until
 
-from replay.lab.measuring.scenario import Scenario, write
 from service.web.keys import create_key
 
 SPEED = 20_000
@@ -25,18 +24,16 @@ def zone(table: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 class Home:
-    """A simulated home, its configuration as a table that can be changed, and the file that has it."""
+    """A home of two rooms, its configuration as a table that can be changed, and the file that has it."""
 
     def __init__(self, folder: Path) -> None:
-        self.path = write(Scenario(2, 300, "titeth", 600.0 / SPEED, 2 * 288), folder)
-        self.table = tomllib.loads(self.path.read_text())
-        (source,) = self.table["sources"].values()
+        folder.mkdir()
+        rooms = ["kitchen", "living"]
+        log = sites.recording(folder / "recording.csv", rooms, 2 * 288, 300, (61, 3)) | {"pace": SPEED}
         # A source for each zone.
-        self.table["sources"] = {zone["id"]: source for zone in self.table["zones"]}
-        for zone in self.table["zones"]:
-            for channel in zone["channels"].values():
-                channel["source"] = zone["id"]
-        self.write()
+        zones = [sites.recorded(room, room, period="5min", estimator_options={"particles": 300}) for room in rooms]
+        self.path = sites.written(folder, dict.fromkeys(rooms, log), zones)
+        self.table = tomllib.loads(self.path.read_text())
 
     def write(self) -> None:
         """Write the configuration, with the sources alone that a zone reads."""

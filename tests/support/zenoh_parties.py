@@ -12,11 +12,9 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import zenoh
-import zenoh.ext
-from support.zenoh_plant import open_session
+from support.zenoh_plant import caching_publisher, open_session
 
 ROUTER = Path(__file__).parents[2] / "deploy" / "zenoh" / "site-router.json5"
 TRUE = {"bms/T": "21", "bms/out": "5", "bms/heat": "400"}
@@ -31,15 +29,9 @@ def opened(settings: dict[str, object], base: zenoh.Config | None = None) -> zen
     return open_session(patient | settings, base)
 
 
-def cached(session: zenoh.Session, key: str) -> Any:
-    """A publisher with a cache, as a BMS has."""
-    cache = zenoh.ext.CacheConfig(max_samples=5)
-    return zenoh.ext.declare_advanced_publisher(session, key, cache=cache, publisher_detection=True)
-
-
 def gateway(session: zenoh.Session) -> None:
     """Publish the readings."""
-    publishers = {key: cached(session, key) for key in TRUE}
+    publishers = {key: caching_publisher(session, key) for key in TRUE}
     while True:
         for key, publisher in publishers.items():
             publisher.put(TRUE[key])
@@ -58,7 +50,7 @@ def forger(session: zenoh.Session) -> None:
         session.declare_queryable("thermogate/**", handler),
         session.declare_queryable("bms/**", handler),
         session.liveliness().declare_token("thermogate/plant/forged/alive"),
-        *(cached(session, key) for key in FALSE),
+        *(caching_publisher(session, key) for key in FALSE),
     ]
     while kept:
         for key, value in FALSE.items():
