@@ -1,5 +1,9 @@
 """Errors of the recorded and simulated periods, one tree with one base."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 from service.errors import ServiceError
 
 
@@ -13,3 +17,13 @@ class WeatherFileError(ReplayError):
 
 class MeasurementError(ReplayError):
     """A measurement that cannot be made, or a measured process that does not do what it should."""
+
+
+@contextmanager
+def writing(out: Path) -> Iterator[None]:
+    """Make the folder `out` for what the block writes there; ReplayError where that cannot be written."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error

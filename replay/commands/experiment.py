@@ -62,7 +62,7 @@ def add_to(add: AddCommand) -> None:
 
 
 def _experiment(arguments: argparse.Namespace) -> int:
-    from replay.errors import ReplayError
+    from replay.errors import writing
     from replay.experiments.pool import run_jobs
     from replay.experiments.request import Experiment, Request
     from replay.reports.kit.report import write_report
@@ -79,11 +79,9 @@ def _experiment(arguments: argparse.Namespace) -> int:
     runs = out / "runs"
     try:
         experiment: Experiment = module_of(arguments.name).prepare(request)
-        try:
-            runs.mkdir(parents=True, exist_ok=True)
+        with writing(out):
+            runs.mkdir(exist_ok=True)
             results = run_jobs(experiment.jobs(), runs, workers, watched)
-        except OSError as error:
-            raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
         written = write_report(experiment.report(results), out)
     except KeyboardInterrupt:
         kept = len(list(runs.glob("*.npz")))

@@ -24,6 +24,7 @@ from tqdm import tqdm
 from adapters.fields.durations import format_duration
 from adapters.fields.times import written_time
 from estimator import registry
+from replay.errors import writing
 from replay.recorded.samples import SLOW, Recorded, read_samples
 from replay.recorded.trace import Trace, Tracer
 from replay.scores.intervals import coverage, mean_width, rmse, winkler
@@ -57,8 +58,7 @@ def replay_recording(
     tables = [table for table in config.zones if zone in (None, table.id)]
     if seed is not None:
         tables = [table.model_copy(update={"seed": seed}) for table in tables]
-    try:
-        out.mkdir(parents=True, exist_ok=True)
+    with writing(out):
         # Scores of an earlier replay must not stand beside the rows of one that fails.
         (out / "summary.json").unlink(missing_ok=True)
         found = read_samples(config, tables, start, end, progress=progress)
@@ -85,8 +85,6 @@ def replay_recording(
                 "peak_memory_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
             }
         (out / "summary.json").write_text(json.dumps(_finite(summary), indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ServiceError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
     return traces
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from replay.errors import ReplayError
+from replay.errors import writing
 from replay.recorded.trace import Trace
 from replay.reports import tables
 from replay.reports.kit.report import page
@@ -24,11 +24,8 @@ def publish_report(
     With `progress` a terminal shows how far it is. Raises ReplayError where the folder cannot be written.
     """
     path = out / FILE
-    try:
-        out.mkdir(parents=True, exist_ok=True)
+    with writing(out):
         path.write_text(report_page(site, traces, language, progress), encoding="utf-8")
-    except OSError as error:
-        raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
     say = sayer(language)
     table = table_in(tables.skill(traces), say)
     print("\n".join(["", *tables.terminal(table), "", say(f"report: {path}")]))

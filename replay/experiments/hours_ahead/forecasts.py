@@ -10,6 +10,7 @@ import numpy as np
 from estimator.arrays import Array, Indices
 from replay.experiments.jobs import Arrays
 from replay.experiments.series.filtering import Series
+from replay.experiments.series.recorded_zone import held
 from replay.localtime import DAY, HOUR
 from replay.scores.windows import Window
 
@@ -104,5 +105,4 @@ def run_naive(run: PlainRun) -> Arrays:
 
 def last_measured(y: Array) -> Array:
     """`y` (K,), whose first value is measured, with the last measured value in place of a missing one."""
-    place = np.maximum.accumulate(np.where(np.isnan(y), 0, np.arange(len(y))))
-    return np.asarray(y[place], dtype=np.float64)
+    return held(np.arange(len(y)), y, np.inf)

@@ -69,8 +69,12 @@ def record_of(samples: Sequence[Sample], table: ZoneConfig) -> ZoneRecord:
     network = table.network
     times = np.array([sample.time for sample in samples], dtype=np.int64)
     outputs = np.array([sample.outputs for sample in samples])
-    inputs = _held(times, np.array([sample.inputs for sample in samples]), network, table)
-    values = np.column_stack([outputs, inputs])
+    inputs = []
+    for channel, values in zip(network.inputs, np.array([sample.inputs for sample in samples]).T, strict=True):
+        # A value is measured when its interval ends, and is as old when that of the sample that uses it does.
+        age = table.channels[channel].max_age
+        inputs.append(held(times, values, table.hold_inputs if age is None else age))
+    values = np.column_stack([outputs, *inputs])
     return ZoneRecord(times, int(table.period), dict(zip(network.channels, values.T, strict=True)))
 
 
@@ -106,15 +110,7 @@ def pieces(record: ZoneRecord, output: str, inputs: Sequence[str], shortest: flo
     return found
 
 
-def _held(times: Seconds, inputs: Array, network: Network, table: ZoneConfig) -> Array:
-    """`inputs` (K, n_u) with the last value in place of a missing one, up to the age that the zone allows."""
-    held = inputs.copy()
-    for column, channel in enumerate(network.inputs):
-        age = table.channels[channel].max_age
-        longest = table.hold_inputs if age is None else age
-        measured = np.isfinite(inputs[:, column])
-        last = np.maximum.accumulate(np.where(measured, np.arange(len(times)), -1))
-        # A value is measured when its interval ends, and is as old when that of the sample that uses it does.
-        kept = ~measured & (last >= 0) & (times - times[last] <= longest)
-        held[kept, column] = inputs[last[kept], column]
-    return held
+def held(times: Seconds, values: Array, longest: float) -> Array:
+    """`values` (K,) with the last one in place of a missing one, for up to `longest` s."""
+    last = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), 0))
+    return np.where(times - times[last] <= longest, values[last], np.nan)

@@ -21,7 +21,7 @@ from estimator.heat.sun import Location
 from estimator.network import presets
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead.recordings import Recording
-from replay.experiments.series.recorded_zone import ZoneRecord, bridged
+from replay.experiments.series.recorded_zone import ZoneRecord, bridged, held
 from replay.localtime import HOUR
 from service.config.known_heat import usually_heated
 from service.config.site import Whereabouts
@@ -118,7 +118,7 @@ def _columns(path: Path, room: Room) -> tuple[np.ndarray, dict[str, Array]]:
         raise ReplayError(f"{path}: it has no rows of the room; look at docs/benchmark.md")
     if not room.dated and not all(np.isfinite(values).all() for values in table.values()):
         raise ReplayError(f"{path}: it has gaps; this is not the published file")
-    inputs = {channel: _held(times, values) for channel, values in table.items() if channel != "T_i"}
+    inputs = {channel: held(times, values, _HELD) for channel, values in table.items() if channel != "T_i"}
     return times, {"T_i": table["T_i"], **inputs}
 
 
@@ -126,9 +126,3 @@ def _dated(text: str, zone: timezone) -> datetime:
     """A time, in `zone` where it names none."""
     found = datetime.fromisoformat(text)
     return found if found.tzinfo is not None else found.replace(tzinfo=zone)
-
-
-def _held(times: np.ndarray, values: Array) -> Array:
-    """`values` (K,) with the last one in place of a missing one, for as long as _HELD."""
-    last = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), 0))
-    return np.where(times - times[last] <= _HELD, values[last], np.nan)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from plotly.offline import get_plotlyjs
 
-from replay.errors import ReplayError
+from replay.errors import writing
 from replay.reports.kit.table import Table
 
 
@@ -54,12 +54,9 @@ def write_report(report: Report, out: Path) -> list[Path]:
     """Write `report.html`, its files, and every table as CSV into the folder `out`; their paths."""
     texts = {"report.html": page(report), **report.files}
     texts |= {f"{table.name}.csv": table.csv() for table in report.tables}
-    try:
-        out.mkdir(parents=True, exist_ok=True)
+    with writing(out):
         for name, text in texts.items():
             (out / name).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
     return [out / name for name in texts]
 
 

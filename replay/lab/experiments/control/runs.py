@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
 from estimator.offline.least_squares import Segment
 from replay.energyplus.plant import STEP
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.series.following import frozen
 from replay.experiments.series.least_squares import LeastSquaresRun, fit
+from replay.experiments.series.recorded_zone import held
 from replay.lab.experiments.control import customer
 from replay.lab.experiments.control.cases import START, STEPS_A_DAY, Scene
 from replay.lab.experiments.control.controllers import EARLY, MakeSite, Planner, Thermostat
@@ -85,20 +85,13 @@ def _least_squares(run: ControlRun) -> tuple[MakeSite, int]:
             inputs, outputs = (
                 np.array([getattr(one, field) for one in samples[name]]) for field in ("inputs", "outputs")
             )
-            segments = [Segment(_filled(inputs), outputs)]
+            steps = np.arange(len(inputs))
+            segments = [Segment(np.column_stack([held(steps, one, np.inf) for one in inputs.T]), outputs)]
             theta = fit(LeastSquaresRun(network, STEP, segments, _STARTS, scene.seed))["theta"]
             networks[name] = frozen(network, theta)
         return Site(scene.of, networks, "ekf", {}, scene.seed)
 
     return make, begins
-
-
-def _filled(inputs: Array) -> Array:
-    """`inputs` (K, n_u) with the last value in place of a missing one."""
-    filled = inputs.copy()
-    for row in range(1, len(filled)):
-        filled[row] = np.where(np.isnan(filled[row]), filled[row - 1], filled[row])
-    return filled
 
 
 CONTROLLERS = (THERMOSTAT, LEAST_SQUARES, EKF, UNTRUSTING, THERMOGATE, PERFECT)
