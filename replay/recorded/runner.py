@@ -68,13 +68,16 @@ def replay_recording(
             tqdm(total=total, unit=" samples", disable=not progress, delay=SLOW, desc="replay") as bar,
         ):
             runs = {table.id: stack.enter_context(_recording(table, out / table.id)) for table in tables}
+            traces = []
             for name, run in runs.items():
-                for sample in found[name].samples:
+                # What was read of a zone is let go when it is done.
+                recorded = found.pop(name)
+                for sample in recorded.samples:
                     run.take(sample)
                     bar.update()
                 if not run.used:
-                    raise ServiceError(_unused(name, found[name], start, end))
-            traces = [run.trace(found[name].refused) for name, run in runs.items()]
+                    raise ServiceError(_unused(name, recorded, start, end))
+                traces.append(run.trace(recorded.refused))
             for trace in traces:
                 for finding in trace.diagnosis.findings:
                     print(f"zone '{trace.zone}': {finding.finding} ({finding.subject}): {finding.sentence}")
