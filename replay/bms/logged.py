@@ -67,6 +67,8 @@ async def live(demo: Demo, stop: asyncio.Event, ready: Callable[[tuple[Path, str
     lived = max(LIVED_DAYS * DAY, _rows(demo.directory / _FILE) * _ROW)
     with (demo.directory / _FILE).open("w", encoding="utf-8") as log:
         log.write(",".join(["time", *(column.name for column in every)]) + "\n")
+        # The configuration is checked against it as soon as it is `ready`.
+        log.flush()
         serving = asyncio.create_task(http.run())
         try:
             await http.started(serving)
