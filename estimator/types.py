@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from enum import StrEnum
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -295,3 +295,40 @@ class Estimator(Protocol):
 
     def unpack(self, arrays: Mapping[str, Array]) -> Any:
         """The state of packed arrays, with the same bits."""
+
+
+class OneState:
+    """What an estimator does by default: its state is one NamedTuple of arrays, and also what it issues."""
+
+    state_type: ClassVar[type[Any]]
+    """That NamedTuple."""
+    blocks: tuple[str, ...] = ()
+    forecast_draws = 1
+    physical = True
+    verifies_itself = False
+
+    @property
+    def issue_type(self) -> type[Any]:
+        """The state."""
+        return self.state_type
+
+    def issue(self, state: Any, count: int) -> Any:
+        """The state itself, whatever the `count`."""
+        return state
+
+    def verified(self, state: Any, lead: int, errors: Array) -> Any:
+        """The state itself: nothing is learned from errors hours ahead."""
+        return state
+
+    def member_weights(self, state: Any) -> Mapping[str, Array]:
+        """None: there are no members."""
+        return {}
+
+    def pack(self, state: Any) -> dict[str, Array]:
+        """The arrays of a state, by name."""
+        packed: dict[str, Array] = state._asdict()
+        return packed
+
+    def unpack(self, arrays: Mapping[str, Array]) -> Any:
+        """The state of packed arrays."""
+        return self.state_type(**arrays)

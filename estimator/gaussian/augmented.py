@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +27,7 @@ from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
 from estimator.network.space import parameter_space
 from estimator.network.starting import initial_temperatures
-from estimator.types import Mixture, Mixtures, ModelDraws, Outcome, ParameterSummary, Posterior
+from estimator.types import Mixture, Mixtures, ModelDraws, OneState, Outcome, ParameterSummary, Posterior
 
 _LOG_SMALLEST = float(np.log(np.finfo(float).tiny))
 """Below this log likelihood a measurement is one that the filter cannot explain at all, as for the particle filter."""
@@ -46,10 +45,10 @@ class AugmentedState(NamedTuple):
     """(n, n): L with L L^T the covariance."""
 
 
-class AugmentedFilter(ABC):
+class AugmentedFilter(OneState, ABC):
     """An EKF or UKF of one zone. See `estimator.types.Estimator` for the methods."""
 
-    blocks: tuple[str, ...] = ()
+    state_type = AugmentedState
 
     mean_is_simulated: bool
     """Whether the mean moves as the network at the mean parameters moves."""
@@ -64,18 +63,9 @@ class AugmentedFilter(ABC):
         # Variance of the log-uniform prior (23).
         self._prior_sd = np.sqrt(self._space.prior_variance)
 
-    forecast_draws = 1
-    physical = True
-    verifies_itself = False
-
     @abstractmethod
     def move(self, gaussian: Gaussian, inputs: Array) -> Gaussian:
         """N(s_k) one period on under `inputs` (n_u,), noise included."""
-
-    @property
-    def issue_type(self) -> type[AugmentedState]:
-        """The filter's state."""
-        return AugmentedState
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> AugmentedState:
         """Temperatures by their rules, log parameters with the spread of their prior around its middle or a draw."""
@@ -144,10 +134,6 @@ class AugmentedFilter(ABC):
             heat_loss=np.quantile(losses, levels),
         )
 
-    def issue(self, state: AugmentedState, count: int) -> AugmentedState:
-        """The state itself: one Gaussian."""
-        return state
-
     def unfold(self, issue: AugmentedState, plan: Array) -> Mixtures:
         """What the issue forecasts under `plan` (h, n_u)."""
         now = self.predictive(issue)
@@ -180,22 +166,6 @@ class AugmentedFilter(ABC):
             measurement_variance=np.full((len(self._measured), count), self.options.measurement_sd**2),
             point_is_fan=self.mean_is_simulated,
         )
-
-    def verified(self, state: AugmentedState, lead: int, errors: Array) -> AugmentedState:
-        """The state itself: the filter learns from its innovations alone."""
-        return state
-
-    def member_weights(self, state: AugmentedState) -> Mapping[str, Array]:
-        """None: there are no members."""
-        return {}
-
-    def pack(self, state: AugmentedState) -> dict[str, Array]:
-        """The arrays of a state, by name."""
-        return state._asdict()
-
-    def unpack(self, arrays: Mapping[str, Array]) -> AugmentedState:
-        """The state of packed arrays."""
-        return AugmentedState(**arrays)
 
     def _outputs_ahead(self, state: AugmentedState, plan: Array) -> tuple[Array, Array]:
         """Means and variances (h, n_y) of the measured nodes after each row of `plan` (h, n_u)."""

@@ -10,7 +10,6 @@ As in `estimator.rbpf`, the state between two samples is the predicted one, and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -37,6 +36,7 @@ from estimator.types import (
     Mixture,
     Mixtures,
     ModelDraws,
+    OneState,
     Outcome,
     ParameterSummary,
     Posterior,
@@ -110,12 +110,14 @@ class MKFIssue(NamedTuple):
     """(G, K)."""
 
 
-class MKF:
+class MKF(OneState):
     """The filter of one zone. See `estimator.types.Estimator` for the methods.
 
     The learning gate comes from the history of alpha as in the paper (3.4.4); here it scales the random walk of the
     log parameters. Without volatility it is 1.
     """
+
+    state_type = MKFState
 
     def __init__(self, network: Network, period: float, options: MKFOptions) -> None:
         """`network` at a sampling `period` [s]; NetworkError for a network that is not sound."""
@@ -127,9 +129,6 @@ class MKF:
         self.blocks = self._model.blocks
         moves = CompiledMixture if options.implementation == "compiled" else ReferenceMixture
         self._moves: CompiledMixture | ReferenceMixture = moves(self._model)
-
-    physical = True
-    verifies_itself = False
 
     @property
     def issue_type(self) -> type[MKFIssue]:
@@ -271,22 +270,6 @@ class MKF:
             point_is_fan=False,
             coefficients=start.state[model.coefficients],
         )
-
-    def verified(self, state: MKFState, lead: int, errors: Array) -> MKFState:
-        """The state itself: the filter learns from its likelihood alone."""
-        return state
-
-    def member_weights(self, state: MKFState) -> Mapping[str, Array]:
-        """None: there are no members."""
-        return {}
-
-    def pack(self, state: MKFState) -> dict[str, Array]:
-        """The arrays of a state, by name."""
-        return state._asdict()
-
-    def unpack(self, arrays: Mapping[str, Array]) -> MKFState:
-        """The state of packed arrays."""
-        return MKFState(**arrays)
 
     def parameters(self, state: MKFState, levels: Array) -> ParameterSummary:
         """Quantiles of theta, time constants and heat loss over draws of phi from the mixture.

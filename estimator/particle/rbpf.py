@@ -8,7 +8,6 @@ forecasts is what the next update scores. Every method is pure.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +32,7 @@ from estimator.types import (
     Mixture,
     Mixtures,
     ModelDraws,
+    OneState,
     Outcome,
     ParameterSummary,
     Posterior,
@@ -66,8 +66,10 @@ class ParticleState(NamedTuple):
     """(B, n_bins): counts of the median of log alpha."""
 
 
-class RBPF:
+class RBPF(OneState):
     """The filter of one zone. See `estimator.types.Estimator` for the moves."""
+
+    state_type = ParticleState
 
     def __init__(self, network: Network, period: float, options: Options) -> None:
         self.network = network.validate()
@@ -83,14 +85,6 @@ class RBPF:
         self._block = block
         steps = CompiledSteps if options.implementation == "compiled" else ReferenceSteps
         self._steps: CompiledSteps | ReferenceSteps = steps(network, self._space, period, block, options.process_sd)
-
-    physical = True
-    verifies_itself = False
-
-    @property
-    def issue_type(self) -> type[ParticleState]:
-        """A filter of fewer particles."""
-        return ParticleState
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> ParticleState:
         """Particles from the prior (lines 1-6), at the first sample: its outputs (n_y,) and inputs (n_u,)."""
@@ -218,22 +212,6 @@ class RBPF:
             measurement_variance=np.full((len(self.network.measured), len(shares)), self.options.measurement_sd**2),
             point_is_fan=False,
         )
-
-    def verified(self, state: ParticleState, lead: int, errors: Array) -> ParticleState:
-        """The state itself: the filter learns from its likelihood alone."""
-        return state
-
-    def member_weights(self, state: ParticleState) -> Mapping[str, Array]:
-        """None: there are no members."""
-        return {}
-
-    def pack(self, state: ParticleState) -> dict[str, Array]:
-        """The arrays of a state, by name."""
-        return state._asdict()
-
-    def unpack(self, arrays: Mapping[str, Array]) -> ParticleState:
-        """The state of packed arrays."""
-        return ParticleState(**arrays)
 
     def _initial_temperatures(self, outputs: Array, inputs: Array, count: int) -> tuple[Array, Array]:
         """Means (n_x, N) and packed covariances of all particles at a first sample."""

@@ -54,15 +54,6 @@ class Simulation:
         return Simulation(self._models, self._driving)
 
 
-def mean_path(models: StateSpace, plan: Array) -> Array:
-    """(h + 1, n_y): mean of the outputs [degC] now and after each row of `plan` (h, n_u)."""
-    simulation, path = Simulation(models), []
-    for inputs in plan:
-        path.append(simulation.outputs())
-        simulation.step(inputs)
-    return np.array([*path, simulation.outputs()])
-
-
 def gain_forecast(models: StateSpace, steps: int) -> Array:
     """(2, steps): mean and standard deviation over the draws of the gain [W] at the beginning of each step, as far as a
     gain that is on now lasts; (2, 0) without a gain."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from adapters.fields.problems import Place, Problems
 from adapters.fields.words import shown, suggestion
@@ -26,22 +26,8 @@ from service.config.network_tables import (
 from service.config.overrides import apply_overrides
 from service.errors import ConfigError
 
-
-class Mistake(NamedTuple):
-    """Something wrong at `place` inside the network table."""
-
-    place: Place
-    sentence: str
-
-
-class Resolved(NamedTuple):
-    """The network a table describes, and the mistakes in the table.
-
-    With mistakes the network is good for its channels only, and None where not even those are certain.
-    """
-
-    network: Network | None
-    mistakes: list[Mistake]
+Mistakes = dict[Place, str]
+"""What is wrong inside a network table, by its place there."""
 
 
 def read_network(
@@ -57,8 +43,8 @@ def read_network(
     if table is None:
         return None, None
     network, mistakes = resolve(table, channels)
-    for mistake in mistakes:
-        problems.add((*place, *mistake.place), mistake.sentence)
+    for inside, sentence in mistakes.items():
+        problems.add((*place, *inside), sentence)
     return table, network
 
 
@@ -72,9 +58,12 @@ def preset_network(name: str, overrides: Sequence[str]) -> Network:
     return network
 
 
-def resolve(table: NetworkConfig, channels: Collection[str] = ()) -> Resolved:
-    """The network that `table` describes in a zone that has `channels`, validated if there are no mistakes."""
-    mistakes: list[Mistake] = []
+def resolve(table: NetworkConfig, channels: Collection[str] = ()) -> tuple[Network | None, Mistakes]:
+    """The network that `table` describes in a zone that has `channels`, validated if there are no mistakes.
+
+    With mistakes it is good for its channels only, and None where not even those are certain.
+    """
+    mistakes: Mistakes = {}
     network = _from_preset(table, channels, mistakes) if isinstance(table, PresetConfig) else _inline(table, mistakes)
     if network is not None:
         network = _with_initial(network, table.initial, mistakes)
@@ -82,8 +71,8 @@ def resolve(table: NetworkConfig, channels: Collection[str] = ()) -> Resolved:
         try:
             network.validate()
         except NetworkError as error:
-            return Resolved(None, [Mistake((), str(error))])
-    return Resolved(network, mistakes)
+            return None, {(): str(error)}
+    return network, mistakes
 
 
 def proposes_bounds(table: NetworkConfig) -> bool:
@@ -93,10 +82,11 @@ def proposes_bounds(table: NetworkConfig) -> bool:
     return table.preset == AUTO if table.box is None else table.box.propose
 
 
-def _from_preset(table: PresetConfig, channels: Collection[str], mistakes: list[Mistake]) -> Network | None:
+def _from_preset(table: PresetConfig, channels: Collection[str], mistakes: Mistakes) -> Network | None:
     if table.preset not in presets.PRESETS:
-        wrong = f'unknown network "{table.preset}"; {suggestion(table.preset, presets.PRESETS, "the presets are")}'
-        mistakes.append(Mistake(("preset",), wrong))
+        mistakes[("preset",)] = (
+            f'unknown network "{table.preset}"; {suggestion(table.preset, presets.PRESETS, "the presets are")}'
+        )
         return None
     network = presets.network(table.preset)
     if table.preset == AUTO:
@@ -107,7 +97,7 @@ def _from_preset(table: PresetConfig, channels: Collection[str], mistakes: list[
             wrong = (
                 f'network "{network.name}" is one building, whose bounds do not follow from a floor area; remove box'
             )
-            mistakes.append(Mistake(("box",), wrong))
+            mistakes[("box",)] = wrong
             return network
         network = boxed(network, *table.box.floor_area)
     if table.solar is not None:
@@ -119,19 +109,20 @@ def _from_preset(table: PresetConfig, channels: Collection[str], mistakes: list[
     names = [parameter.name for parameter in network.parameters]
     for name, bounds in table.parameters.items():
         if name not in names:
-            mistakes.append(Mistake(("parameters", name), _no_parameter(network, name)))
+            mistakes["parameters", name] = _no_parameter(network, name)
             continue
         changed = _changed(network.parameter(name), bounds)
         problem = _bounds_problem(changed, "the preset's")
         if problem and name not in table.fixed:
-            mistakes.append(Mistake(("parameters", name), problem))
+            mistakes["parameters", name] = problem
         network = replace(network, parameters=tuple(changed if p.name == name else p for p in network.parameters))
     for index, name in enumerate(table.fixed):
         if name not in names:
-            mistakes.append(Mistake(("fixed", index), _no_parameter(network, name)))
+            mistakes["fixed", index] = _no_parameter(network, name)
         elif network.parameter(name).nominal is None:
-            wrong = f"{name} has no nominal value to hold it at; write parameters.{name} = {{ value = ... }} instead"
-            mistakes.append(Mistake(("fixed", index), wrong))
+            mistakes["fixed", index] = (
+                f"{name} has no nominal value to hold it at; write parameters.{name} = {{ value = ... }} instead"
+            )
         else:
             network = network.with_fixed([name])
     return network
@@ -156,22 +147,22 @@ def _no_parameter(network: Network, name: str) -> str:
     return f'network "{network.name}" has no parameter "{name}"; {known}'
 
 
-def _with_solar(network: Network, aperture: Parameter, solar: SolarConfig, mistakes: list[Mistake]) -> Network | None:
+def _with_solar(network: Network, aperture: Parameter, solar: SolarConfig, mistakes: Mistakes) -> Network | None:
     node = solar.node or network.measured[0]
     if node not in network.nodes:
         known = suggestion(node, network.nodes, "the state nodes are")
-        mistakes.append(Mistake(("solar", "node"), f'"{node}" is not a state node; {known}'))
+        mistakes["solar", "node"] = f'"{node}" is not a state node; {known}'
         return None
     default = f"at {aperture.lower:g} or {aperture.upper:g} m2"
     aperture = _changed(aperture, solar)
     wrong = _bounds_problem(aperture, default)
     if wrong:
-        mistakes.append(Mistake(("solar",), wrong))
+        mistakes[("solar",)] = wrong
         return None
     try:
         return network.with_solar(node, aperture)
     except NetworkError as error:
-        mistakes.append(Mistake(("solar",), f"{error}; remove solar"))
+        mistakes[("solar",)] = f"{error}; remove solar"
         return None
 
 
@@ -190,7 +181,7 @@ def _changed(parameter: Parameter, bounds: BoundsConfig) -> Parameter:
     return replace(parameter, lower=lower, upper=upper, nominal=nominal, typical=typical)
 
 
-def _inline(table: InlineConfig, mistakes: list[Mistake]) -> Network:
+def _inline(table: InlineConfig, mistakes: Mistakes) -> Network:
     capacitances = {node: bounds.name or f"C_{node.removeprefix('T_')}" for node, bounds in table.capacitances.items()}
     parameters = [_parameter(capacitances[node], "J/K", bounds) for node, bounds in table.capacitances.items()]
     parameters += [_parameter(edge.name, "W/K", edge) for edge in table.conductances]
@@ -202,16 +193,17 @@ def _inline(table: InlineConfig, mistakes: list[Mistake]) -> Network:
     for index, heat in enumerate(table.heat_inputs):
         if heat.gain.rest_of is not None and heat.gain.rest_of not in gains:
             known = suggestion(heat.gain.rest_of, gains, "the named gains are")
-            wrong = f'no heat input has a gain called "{heat.gain.rest_of}"; {known}'
-            mistakes.append(Mistake(("heat_inputs", index, "gain", "rest_of"), wrong))
+            mistakes["heat_inputs", index, "gain", "rest_of"] = (
+                f'no heat input has a gain called "{heat.gain.rest_of}"; {known}'
+            )
     known_nodes = (*table.capacitances, *table.boundaries)
     for index, edge in enumerate(table.conductances):
         for end, node in enumerate(edge.between):
             if node not in known_nodes:
-                mistakes.append(Mistake(("conductances", index, "between", end), _no_node(node, known_nodes)))
+                mistakes["conductances", index, "between", end] = _no_node(node, known_nodes)
     for index, heat in enumerate(table.heat_inputs):
         if heat.node not in table.capacitances:
-            mistakes.append(Mistake(("heat_inputs", index, "node"), _no_node(heat.node, tuple(table.capacitances))))
+            mistakes["heat_inputs", index, "node"] = _no_node(heat.node, tuple(table.capacitances))
     return Network(
         name=table.name,
         capacitances=capacitances,
@@ -243,16 +235,16 @@ def _gain(gain: GainConfig) -> Gain:
     return Gain(parameter=gain.name) if gain.name is not None else Gain(gain.constant or 0.0)
 
 
-def _with_initial(network: Network, initial: Mapping[str, InitialConfig], mistakes: list[Mistake]) -> Network:
+def _with_initial(network: Network, initial: Mapping[str, InitialConfig], mistakes: Mistakes) -> Network:
     rules = dict(network.initial)
     for node, table in initial.items():
         if node not in network.nodes:
             known = suggestion(node, network.nodes, "the state nodes are")
-            mistakes.append(Mistake(("initial", node), f'"{node}" is not a state node; {known}'))
+            mistakes["initial", node] = f'"{node}" is not a state node; {known}'
             continue
         if isinstance(table.source, str) and table.source not in ("measured", *network.boundaries):
             known = suggestion(table.source, ("measured", *network.boundaries), "it can be a number in degC or one of")
-            mistakes.append(Mistake(("initial", node, "source"), f'"{table.source}" is no starting point; {known}'))
+            mistakes["initial", node, "source"] = f'"{table.source}" is no starting point; {known}'
             continue
         rule = network.initial_temperature(node)
         rules[node] = InitialTemperature(

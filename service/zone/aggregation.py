@@ -7,7 +7,6 @@ from math import fsum
 from typing import NamedTuple
 
 from adapters.units import ENERGIES
-from service.errors import ConfigError
 
 
 class Span(NamedTuple):
@@ -71,13 +70,6 @@ AGGREGATES: dict[str, Aggregate] = {
     "sum": Aggregate(_ALL, lambda span: fsum(span.values)),
     "energy": Aggregate(_ALL, _energy),
 }
-
-
-def aggregate(name: str) -> Aggregate:
-    """The rule called `name`; ConfigError lists the right names otherwise."""
-    if name not in AGGREGATES:
-        raise ConfigError([f"aggregate '{name}' is unknown; the aggregates are {', '.join(AGGREGATES)}"])
-    return AGGREGATES[name]
 
 
 def default_aggregate(unit: str, given: str | None = None) -> str:

@@ -13,9 +13,8 @@ from adapters.reading import Fault, Quality, Reading
 from adapters.timestamps import EARLIEST, LATEST
 from adapters.units import default_valid_range
 from estimator.network.network import Network
-from service.errors import ConfigError
 from service.records.sample import Array, Sample
-from service.zone.aggregation import Aggregate, Span, aggregate, default_aggregate
+from service.zone.aggregation import AGGREGATES, Aggregate, Span, default_aggregate
 
 SETPOINT = "setpoint"
 """The channel of what a room is meant to have: observed and kept, but no part of the network."""
@@ -86,29 +85,20 @@ class Alignment:
     """
 
     def __init__(self, network: Network, period: float, sources: Iterable[str], rules: Rules | None = None) -> None:
-        """`network` gives the channels and their order; `period` is a whole number of s; `sources` feed the zone.
-
-        Raises ConfigError for a period that is no whole number of seconds, an unknown aggregate or an unknown channel.
-        """
+        """`network` gives the channels and their order; `period` is a whole number of s; `sources` feed the zone."""
         rules = rules or Rules()
         aggregates = rules.aggregates
-        if period != int(period) or period <= 0:
-            raise ConfigError([f"period {period:g} s is not usable; give a whole number of seconds above 0"])
-        channels = (*network.channels, *(() if rules.setpoint_age is None else (SETPOINT,)))
-        unknown = [channel for channel in aggregates if channel not in channels]
-        if unknown:
-            raise ConfigError([f"channel '{unknown[0]}' is unknown; the channels are {', '.join(channels)}"])
         self.faults: Counter[Fault] = Counter()
         self.last_good: dict[str, float] = {}
         """UTC time of the newest reading of each channel that entered a sample so far."""
         self.refusing: set[str] = set()
         """Channels that their device has refused since then."""
-        self.channels = channels
+        self.channels = (*network.channels, *(() if rules.setpoint_age is None else (SETPOINT,)))
         """Those of the network in its order, then the set-point if somebody tells it."""
         self._width = len(network.channels)
         self._outputs = len(network.measured)
         self._rules: list[Aggregate] = [
-            aggregate(aggregates.get(channel, default_aggregate(unit_of(network, channel))))
+            AGGREGATES[aggregates.get(channel) or default_aggregate(unit_of(network, channel))]
             for channel in self.channels
         ]
         # Amounts of energy have no range of their own; the power that they amount to has.

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from estimator.arrays import Array
+from estimator.statespace.matrices import StateSpace
+from estimator.statespace.simulate import Simulation
 from estimator.types import Estimator, Mixture
 from service.forecast.engine import FanQuestion
 from service.forecast.plan import Inputs
@@ -30,3 +34,12 @@ def fan_of(
 def unfolded(estimator: Estimator, state: Any, plan: Array) -> list[Mixture]:
     """The outputs at the state's time and after each row of `plan` (h, n_u), from all of its draws."""
     return list(estimator.unfold(estimator.issue(state, estimator.forecast_draws), plan).each())
+
+
+def mean_path(models: StateSpace, plan: Array) -> Array:
+    """(h + 1, n_y): mean of the outputs [degC] now and after each row of `plan` (h, n_u)."""
+    simulation, path = Simulation(models), []
+    for inputs in plan:
+        path.append(simulation.outputs())
+        simulation.step(inputs)
+    return np.array([*path, simulation.outputs()])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import ndtr
-from support.forecasts import unfolded
+from support.forecasts import mean_path, unfolded
 from support.small_building import PERIOD, TRUTH, building, known, record, textbook_kalman
 
 from estimator.heat.known import KnownHeat, LocalTime
@@ -18,7 +18,6 @@ from estimator.network.terms import HeatTerm
 from estimator.particle.kalman import unpack
 from estimator.registry import build
 from estimator.statespace.matrices import of_draws
-from estimator.statespace.simulate import mean_path
 from replay.simulated.simulate import simulate
 
 PRESETS = ("jump", "drift", "free", "steady", "output-error", "habits")

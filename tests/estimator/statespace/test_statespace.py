@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from support.forecasts import unfolded
+from support.forecasts import mean_path, unfolded
 
 from estimator.network.presets import network
 from estimator.registry import build
 from estimator.statespace.matrices import of_draws, of_point
-from estimator.statespace.simulate import Simulation, coupled_paths, mean_path, sampled_paths
+from estimator.statespace.simulate import Simulation, coupled_paths, sampled_paths
 
 PERIOD = 300.0
 SMALL = {

@@ -69,7 +69,7 @@ def test_the_sun_can_be_told_more_about(tmp_path: Path) -> None:
 
 def built(**table: Any) -> Network:
     network, mistakes = resolve(PresetConfig.model_validate(table))
-    assert mistakes == []
+    assert not mistakes
     assert network is not None
     return network
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.config_samples import sound, write
-from support.zone_samples import sample
+from support.config_samples import learned, sound, write
 
 from estimator.network.boxes import TYPICAL_AREA
 from estimator.network.presets import automatic
@@ -16,8 +15,6 @@ from service.config.fitting import fingerprint, make_worker
 from service.config.known_heat import usually_heated
 from service.config.load import load
 from service.config.site import Config
-from service.store.journal import Journal
-from service.store.store import JOURNAL
 
 SUN = {"source": "log", "column": "Sun", "unit": "W/m2"}
 PLACE = {"latitude": 47.67, "longitude": 9.17, "time_zone": "Europe/Berlin"}
@@ -74,10 +71,7 @@ def test_a_floor_area_scales_what_is_thought_before_the_first_sample(tmp_path: P
 
 def test_a_zone_with_state_from_before_goes_on_without(tmp_path: Path) -> None:
     before = loaded(tmp_path, PLACE, network="auto", estimator="mkf", habits=False, sun=False)
-    journal = Journal.open(before.site.state_dir / JOURNAL)
-    assert journal.claim("living", fingerprint(before.zones[0]))
-    journal.append_all([("living", sample(1))])
-    journal.close()
+    learned(before)
     now = loaded(tmp_path, PLACE, network="auto", estimator="mkf")
     assert fingerprint(now.zones[0]) == fingerprint(before.zones[0])
     assert now.zones[0].network.terms == ()
@@ -88,10 +82,7 @@ def test_a_zone_with_state_from_before_goes_on_without(tmp_path: Path) -> None:
 
 def test_a_zone_that_learned_the_sun_by_the_hour_goes_on_so_when_the_site_gets_a_location(tmp_path: Path) -> None:
     before = loaded(tmp_path, network="auto", estimator="mkf")
-    journal = Journal.open(before.site.state_dir / JOURNAL)
-    assert journal.claim("living", fingerprint(before.zones[0]))
-    journal.append_all([("living", sample(1))])
-    journal.close()
+    learned(before)
     now = loaded(tmp_path, PLACE, network="auto", estimator="mkf")
     assert fingerprint(now.zones[0]) == fingerprint(before.zones[0])
     assert "sun_12" in now.zones[0].network.drive

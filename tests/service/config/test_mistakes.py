@@ -122,20 +122,13 @@ def test_file_that_is_not_toml(content: bytes, gist: tuple[str, ...], tmp_path: 
     assert all("\n" not in problem for problem in caught.value.problems)
 
 
-def test_file_that_is_not_there(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "why"), [("gone.toml", "no such file"), (".", "it is a folder")])
+def test_file_that_cannot_be_read(name: str, why: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
-        load(tmp_path / "gone.toml")
+        load(tmp_path / name)
 
     (problem,) = caught.value.problems
-    assert problem.startswith(f"{tmp_path / 'gone.toml'}: cannot be read (no such file")
-
-
-def test_file_that_is_a_folder(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError) as caught:
-        load(tmp_path)
-
-    (problem,) = caught.value.problems
-    assert problem.startswith(f"{tmp_path}: cannot be read (it is a folder)")
+    assert problem.startswith(f"{tmp_path / name}: cannot be read ({why}")
 
 
 @pytest.mark.parametrize("value", [10**400, float("nan"), float("inf"), -5, True, "abc", [], {}])

@@ -18,14 +18,14 @@ from service.errors import ConfigError
 
 def built(table: dict[str, Any]) -> Network:
     network, mistakes = resolve(PresetConfig.model_validate(table))
-    assert mistakes == []
+    assert not mistakes
     assert network is not None
     return network
 
 
 def built_inline(table: dict[str, Any]) -> Network:
     network, mistakes = resolve(InlineConfig.model_validate(table))
-    assert mistakes == []
+    assert not mistakes
     assert network is not None
     return network
 

@@ -6,15 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.config_samples import sound, write
-from support.zone_samples import sample
+from support.config_samples import learned, sound, write
 
 from estimator.bank.options import DEFAULT_MEMBERS, former_members
 from service.config.fitting import fingerprint
 from service.config.load import load
 from service.config.site import Config
 from service.config.written import effective_toml
-from service.store.journal import Journal
 from service.store.store import JOURNAL
 
 
@@ -29,15 +27,6 @@ def estimators(config: Config) -> list[str]:
     return [zone.estimator for zone in config.zones]
 
 
-def learned(config: Config, zone: int) -> None:
-    """Leave state of the zone, as a daemon does."""
-    journal = Journal.open(config.site.state_dir / JOURNAL)
-    table = config.zones[zone]
-    assert journal.claim(table.id, fingerprint(table))
-    journal.append_all([(table.id, sample(1))])
-    journal.close()
-
-
 def test_a_new_zone_is_a_bank_and_the_options_of_today_are_an_rbpf(tmp_path: Path) -> None:
     assert estimators(load(written(tmp_path))) == ["bank", "bank"]
     few = load(written(tmp_path, estimator_options={"particles": 50}))
@@ -48,7 +37,7 @@ def test_a_new_zone_is_a_bank_and_the_options_of_today_are_an_rbpf(tmp_path: Pat
 
 def test_a_zone_with_state_of_an_rbpf_goes_on_with_it(tmp_path: Path) -> None:
     before = load(written(tmp_path, estimator="rbpf"))
-    learned(before, 0)
+    learned(before)
     now = load(written(tmp_path))
     assert estimators(now) == ["rbpf", "bank"]
     assert fingerprint(now.zones[0]) == fingerprint(before.zones[0])
@@ -82,7 +71,7 @@ def test_a_zone_with_state_of_the_former_members_goes_on_with_them(
     former = former_members(load(written(tmp_path, **table)).zones[0].network)
     options = {**given.get("estimator_options", {}), "members": former}
     before = load(written(tmp_path, **{**table, "habits": False, "estimator": "bank", "estimator_options": options}))
-    learned(before, 0)
+    learned(before)
     now = load(written(tmp_path, **table))
     assert fingerprint(now.zones[0]) == fingerprint(before.zones[0])
     assert now.zones[0].options == before.zones[0].options
@@ -94,16 +83,16 @@ def test_a_zone_with_state_of_the_former_members_goes_on_with_them(
 
 
 def test_who_names_an_estimator_gets_it_whatever_is_stored(tmp_path: Path) -> None:
-    learned(load(written(tmp_path, estimator="rbpf")), 0)
+    learned(load(written(tmp_path, estimator="rbpf")))
     assert estimators(load(written(tmp_path, estimator="bank"))) == ["bank", "bank"]
 
 
 def test_state_of_a_bank_or_of_another_network_leaves_the_default(tmp_path: Path) -> None:
-    learned(load(written(tmp_path)), 0)
+    learned(load(written(tmp_path)))
     assert estimators(load(written(tmp_path))) == ["bank", "bank"]
     other = tmp_path / "other"
     other.mkdir()
-    learned(load(written(other, estimator="rbpf", network="titeth")), 0)
+    learned(load(written(other, estimator="rbpf", network="titeth")))
     assert estimators(load(written(other))) == ["bank", "bank"]
 
 

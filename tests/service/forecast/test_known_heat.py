@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.forecasts import mean_path
 from support.zone_samples import sample
 
 from estimator.heat.known import KnownHeat
@@ -12,7 +13,7 @@ from estimator.heat.terms import with_known_heat
 from estimator.network.presets import automatic
 from estimator.registry import build
 from estimator.statespace.matrices import of_draws, of_point
-from estimator.statespace.simulate import Simulation, mean_path
+from estimator.statespace.simulate import Simulation
 from service.forecast.learned import ModelQuestion
 from service.zone.foresight.outlook import NO_WEATHER
 from service.zone.local_time import calendar
