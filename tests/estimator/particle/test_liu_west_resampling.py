@@ -7,7 +7,7 @@ from estimator.network.presets import network
 from estimator.network.space import parameter_space
 from estimator.particle.liu_west import liu_west_kernel, moments, rejuvenate
 from estimator.particle.options import resolve
-from estimator.particle.resampling import effective_sample_size, systematic
+from estimator.particle.resampling import systematic
 
 BUILDING = network("building-67")
 
@@ -105,8 +105,3 @@ def test_systematic_resampling_at_the_ends_of_the_uniform():
         assert index.min() >= 0
         assert index.max() <= 6
     np.testing.assert_array_equal(systematic(np.array([0.0, 1.0, 0.0]), 0.5), [1, 1, 1])
-
-
-def test_effective_sample_size():
-    assert effective_sample_size(np.full(50, 0.02)) == pytest.approx(50)
-    assert effective_sample_size(np.array([1.0, 0.0])) == 1.0

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.forecasts import unfolded
 from support.small_building import Record, textbook_kalman
 
 from estimator.kernels.draws import Draws
@@ -159,17 +158,6 @@ def test_starting_rules():
     state = build("rbpf", net, PERIOD, {"particles": 50}).start(1, np.array([21.0]), INPUTS)
     np.testing.assert_array_equal(state.mean[:, 0], [21.0, 4.0, 12.5, 21.0, 21.0])
     np.testing.assert_allclose(state.covariance[[0, 2, 5, 9], 0], [4.0, 1.0, 16.0, 9.0])
-
-
-def test_the_fan_widens_and_follows_its_plan():
-    estimator, posteriors = filtered({}, 20 + 0.15 * np.random.default_rng(0).standard_normal((40, 1)))
-    state = estimator.predict(posteriors[-1].state, INPUTS)
-    cold, hot = (np.tile([4.0, power, 0.0], (24, 1)) for power in (0.0, 8000.0))
-    cold_fan, hot_fan = unfolded(estimator, state, cold), unfolded(estimator, state, hot)
-    assert len(cold_fan) == 25
-    np.testing.assert_allclose(cold_fan[0].means, estimator.predictive(state).means, rtol=1e-12)
-    assert hot_fan[-1].mean()[0] > cold_fan[-1].mean()[0] + 0.5
-    assert cold_fan[-1].sd()[0] > cold_fan[0].sd()[0]
 
 
 @pytest.mark.parametrize("implementation", ["compiled", "reference"])
