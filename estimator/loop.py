@@ -28,15 +28,16 @@ from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record, no_record, with_sample
 from estimator.diagnosis.telemetry import lies
 from estimator.diagnosis.telemetry.earlier import Earlier, before_lies, kept
-from estimator.diagnosis.telemetry.recent import Recent, nothing_recent, with_measured
+from estimator.diagnosis.telemetry.recent import Recent, inputs_at, nothing_recent, with_measured
 from estimator.foresight import Day, foreseen, no_day, with_inputs
 from estimator.heat.known import KnownHeat
 from estimator.thermostat import thermostat as thermostats
 from estimator.thermostat.futures import NOTHING_KNOWN, ToCome
 from estimator.thermostat.live import Live, LiveForecasts
 from estimator.thermostat.thermostat import Thermostat, no_thermostat
-from estimator.types import Estimator, Mixture, Mixtures, Outcome, Posterior
+from estimator.types import Estimator, Mixture, Outcome, Posterior
 from estimator.verification.as_issued import AsIssued, Issued
+from estimator.verification.hindsight import issued_at
 from estimator.verification.one_step import OneStep, one_step
 from estimator.verification.verification import Verification, Verified
 
@@ -46,6 +47,8 @@ start anew (a sensor was moved, a room was re-fitted); parameters and volatility
 
 ISSUED_DRAWS = 200
 """Draws that a forecast is made of which is verified as it was issued: a sample of those of the published one."""
+
+_DAY = 86400
 
 UNUSABLE_SD = 10.0
 """K: a forecast with a larger standard deviation says nothing of a room. Nonsense in the telemetry can leave a UKF with
@@ -84,6 +87,10 @@ class Carried(NamedTuple):
     """Sums over the last weeks."""
     recent: Recent
     """What was measured in the last fortnight."""
+    thermostat: Thermostat
+    """What is known of it."""
+    live: Live
+    """What live forecasts proved to be worth."""
     suspicions: tuple[lies.Suspicion, ...] = ()
     """What of it cannot be believed."""
     earlier: tuple[Earlier, ...] = ()
@@ -94,10 +101,6 @@ class Carried(NamedTuple):
     """Measurements in a row that no particle explained, or of which the forecast said nothing."""
     standing: Standing | None = None
     """None before the first sample."""
-    thermostat: Thermostat | None = None
-    """What is known of it; None before the first set-point."""
-    live: Live | None = None
-    """What live forecasts proved to be worth; None before the first set-point."""
 
 
 class Step(NamedTuple):
@@ -148,7 +151,14 @@ class Loop:
         """Nothing has been seen."""
         width, period = len(self.estimator.network.inputs), int(self.estimator.period)
         nothing = Held(np.full(width, np.nan), np.full(width, np.nan))
-        return Carried(nothing, no_day(width, period), no_record(width), nothing_recent(width, period))
+        return Carried(
+            nothing,
+            no_day(width, period),
+            no_record(width),
+            nothing_recent(width, period),
+            no_thermostat(width),
+            self.live.begin(),
+        )
 
     def driving(self, times: Array, inputs: Array) -> Array:
         """What drives the estimator over the intervals that begin at `times` (h,) [UTC s], under measured or planned
@@ -183,13 +193,6 @@ class Loop:
         state, day = estimator.predict(posterior.state, drive), with_inputs(carried.day, time, inputs)
         if verified is not None:
             verified = self.verification.predict(verified, state, drive, self._seed)
-            foreseeing = self._foreseeing(day, inputs, time)
-            issued = self.as_issued.predict(
-                issued,
-                self._seed % 3600,
-                # The forecast that a client without a plan would get now.
-                lambda steps: self._without_plan(carried, state, foreseeing(steps), time, setpoint),
-            )
         ahead = estimator.predictive(state)
         before = carried.record
         record = with_sample(before, time, estimator.period, float(outputs[0]), inputs)
@@ -199,11 +202,10 @@ class Loop:
             vanished=vanished,
             standing=Standing(state, one_step(estimator, ahead, self._levels), verified, issued),
         )
-        if not self._single_steps and (carried.thermostat is not None or not math.isnan(setpoint)):
+        if not self._single_steps:
             learns = not started and posterior.outcome is not Outcome.VANISHED
             after = self._thermostat(after, time, outputs, setpoint, started=started, learns=learns)
-        if not self._single_steps:
-            after = self._watched(after, time, outputs, drive)
+            after = self._watched(self._issued(after, time), time, outputs, drive)
             assert after.standing is not None
             if after.standing.state is not state:
                 ahead = estimator.predictive(after.standing.state)
@@ -229,7 +231,7 @@ class Loop:
             return self._gone_back(after, given_up, outputs, drive)
         if suspicions or carried.standing is None:
             return after
-        live = carried.live and self.live.restarted(carried.live)
+        live = self.live.restarted(carried.live)
         return after._replace(earlier=kept(carried.earlier, time, carried.standing.state, live))
 
     def _gone_back(self, carried: Carried, earlier: Earlier, outputs: Array, drive: Array) -> Carried:
@@ -241,8 +243,7 @@ class Loop:
         posterior, verified, issued = self._restarted(standing._replace(state=earlier.state), begin, drive)
         state = estimator.predict(posterior.state, drive)
         standing = Standing(state, one_step(estimator, estimator.predictive(state), self._levels), verified, issued)
-        live = earlier.live or (carried.live and self.live.begin())
-        return carried._replace(standing=standing, vanished=0, live=live)
+        return carried._replace(standing=standing, vanished=0, live=earlier.live)
 
     def diagnose(self, carried: Carried) -> Diagnosis:
         """What is not known now; empty before the first sample."""
@@ -273,8 +274,7 @@ class Loop:
         which had foreseen it unless the thermal states `started` anew."""
         estimator, inputs, period = self.estimator, carried.held.values, int(self.estimator.period)
         assert carried.standing is not None
-        known = carried.thermostat or no_thermostat(len(inputs))
-        live = carried.live or self.live.begin()
+        known, live = carried.thermostat, carried.live
         if started:
             live = self.live.restarted(live)
         elif learns:
@@ -289,20 +289,44 @@ class Loop:
             inputs=inputs,
             seed=self._seed,
         )
+        foreseeing = self._foreseeing(carried.day, inputs, time)
 
-        ahead = self._foreseeing(carried.day, inputs, time)
+        def ahead(steps: int) -> tuple[Array, Array]:
+            rows = foreseeing(steps)
+            return rows, self.with_heat_of_yesterday(carried, time + period, rows)
+
         live = self.live.advanced(live, carried.standing.state, known, inputs, time + period, ahead)
         return carried._replace(thermostat=known, live=live)
 
-    def _without_plan(self, carried: Carried, state: Any, rows: Array, time: int, setpoint: float) -> Mixtures:
-        """The forecast from `state` on, after the sample at `time` [UTC s] with `setpoint`, under foreseen drive rows
-        (h, n_u + m)."""
-        live, known, start = carried.live, carried.thermostat, time + int(self.estimator.period)
-        if live is None or known is None or not self.live.knows(known, start):
-            return self.estimator.unfold(self.estimator.issue(state, ISSUED_DRAWS), rows)
-        if not math.isnan(setpoint):
-            known = known._replace(setpoint=setpoint)
-        return self.live.unplanned(live, state, known, rows, carried.held.values, start).outputs
+    def _issued(self, carried: Carried, time: int) -> Carried:
+        """`carried` to the sample after the one at `time` [UTC s], with the forecast that a client without a plan would
+        get now, once an hour."""
+        standing, live = carried.standing, carried.live
+        assert standing is not None
+
+        def futures(leads: Sequence[int]) -> Sequence[Mixture]:
+            told = self.live.issued(live)
+            if told is not None:
+                return told
+            rows = self._foreseeing(carried.day, carried.held.values, time)(max(leads) - 1)
+            fan = self.estimator.unfold(self.estimator.issue(standing.state, ISSUED_DRAWS), rows)
+            return [fan.at(lead - 1) for lead in leads]
+
+        start = time + self.estimator.period
+        now = issued_at(start, self.estimator.period, self._seed)
+        issued = self.as_issued.predict(standing.issued, futures if now else None)
+        return carried._replace(standing=standing._replace(issued=issued))
+
+    def with_heat_of_yesterday(self, carried: Carried, start: int, rows: Array) -> Array:
+        """Drive `rows` (h, n_u + m) from `start` [UTC s] on with the heat [W] of the day before, where it was
+        measured."""
+        network, ahead = self.estimator.network, self.estimator.period * np.arange(len(rows), dtype=np.float64)
+        then = inputs_at(carried.recent, start + ahead % _DAY - _DAY)
+        planned = rows.copy()
+        for column, channel in enumerate(network.inputs):
+            if channel in network.heat_channels and network.channel_unit(channel) == "W":
+                planned[:, column] = np.where(np.isnan(then[:, column]), rows[:, column], then[:, column])
+        return planned
 
     def _foreseeing(self, day: Day, inputs: Array, time: int) -> Callable[[int], Array]:
         """What drives the estimator over a number of steps after the sample at `time` [UTC s], as it is foreseen."""

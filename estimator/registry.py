@@ -62,7 +62,7 @@ ESTIMATORS: dict[str, EstimatorKind] = {
     "bank": EstimatorKind(resolver(lambda *of: resolve(*of)), _build_bank, terms=True),
     "arx": EstimatorKind(arx_options.resolve, ARX, ("past_outputs", "past_inputs")),
     "daily": EstimatorKind(arx_options.resolve_daily, Daily, ("past_outputs", "past_inputs")),
-    "direct": EstimatorKind(arx_options.resolve_direct, Direct),
+    "direct": EstimatorKind(arx_options.resolve_direct, Direct, ("blind",)),
 }
 
 
@@ -103,7 +103,8 @@ def structure(estimator: str, options: Any) -> dict[str, object]:
         ]
         return {"members": members}
     named, structural = as_mapping(options), _kind(estimator).structural
-    return {name: named[name] for name in structural if name in named}
+    # What is off is left out, so that an option that is new leaves older state as it is.
+    return {name: named[name] for name in structural if name in named and named[name] is not False}
 
 
 def _kind(estimator: str) -> EstimatorKind:

@@ -19,6 +19,7 @@ from estimator.bank.coverage import Widths, no_widths, with_place
 from estimator.bank.mixing import mixed, mixed_futures, stretched
 from estimator.bank.options import BankOptions, prior_at
 from estimator.bank.weights import Costs, between, costs_of, no_costs, weights, with_cost
+from estimator.blackbox.direct import Direct
 from estimator.kernels.quantiles import mixture_quantiles
 from estimator.network.assembly import assemble, topology
 from estimator.network.discretise import heat_loss, time_constants
@@ -278,6 +279,15 @@ class Bank:
         physical = np.array([member.physical for member in self.members])
         return state._replace(lost=np.where(physical, state.lost, np.inf)) if physical.any() else state
 
+    @property
+    def regresses(self) -> bool:
+        """Whether a member forecasts hours ahead without asking for inputs to come."""
+        return any(_blind(member) for member in self.members)
+
+    def by_regression(self, state: BankState) -> BankState:
+        """`state` as it answers where nobody knows the inputs to come: all members but these count as lost."""
+        return state._replace(lost=np.where([_blind(member) for member in self.members], state.lost, np.inf))
+
     def pack(self, state: BankState) -> dict[str, Array]:
         """The arrays of a state, by name."""
         arrays: dict[str, Array] = {"lost": state.lost, "phase": state.phase}
@@ -403,6 +413,10 @@ class Bank:
         """The member with parameters of a building that is trusted most a few hours ahead."""
         physical = [place for place, member in enumerate(self.members) if member.physical]
         return max(physical or range(len(self.members)), key=lambda place: now[place, self.compared])
+
+
+def _blind(member: Estimator) -> bool:
+    return isinstance(member, Direct) and member.options.blind
 
 
 def answering_plan(estimator: Estimator, state: Any) -> Any:

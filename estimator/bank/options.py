@@ -12,7 +12,6 @@ from estimator.arrays import Array
 from estimator.errors import OptionsError
 from estimator.network.family import family
 from estimator.network.network import Network
-from estimator.network.presets import AUTO
 from estimator.option_checks import check_known, checked_number
 
 PRIOR_HOURS = (0.0, 1.0, 6.0, 24.0)
@@ -47,6 +46,7 @@ DEFAULT_MEMBERS: Tables = {
     "ekf": {"estimator": "ekf", "prior": (0.6, 1.0, 1.0, 1.0)},
     "arx": {"estimator": "arx", "prior": (1.4, 1.0, 1.0, 1.0)},
     "direct": {"estimator": "direct", "prior": (0.5, 2.0, 6.0, 6.0)},
+    "blind": {"estimator": "direct", "blind": True, "prior": (0.5, 2.0, 6.0, 6.0)},
 }
 """Members that trust different things. The first one publishes its volatility and gate, see `BankOptions.voice`.
 
@@ -54,19 +54,6 @@ They are what was left when members were taken out for as long as no recording n
 is much the same everywhere, so there the weights begin near those that were learned on recordings. Hours ahead, the
 direct regressions begin with more than all others together: as persistence, for no physics is right on the first day.
 """
-
-
-_FORMER: Tables = {
-    "jump": {"estimator": "mkf", "preset": "jump", "prior": (1.4, 1.0, 1.0, 1.0)},
-    "drift": {"estimator": "mkf", "preset": "drift", "prior": (3.0, 1.0, 1.0, 1.0)},
-    "free": {"estimator": "mkf", "preset": "free", "prior": (0.7, 1.0, 1.0, 1.0)},
-    "steady": {"estimator": "mkf", "preset": "steady", "prior": (0.3, 1.0, 1.0, 1.0)},
-    "output-error": {"estimator": "mkf", "preset": "output-error", "prior": (0.3, 1.0, 1.0, 1.0)},
-    "rbpf": {"estimator": "rbpf", "particles": 2000, "prior": (0.8, 1.0, 1.0, 1.0)},
-    "ekf": {"estimator": "ekf", "prior": (0.6, 1.0, 1.0, 1.0)},
-    "arx": {"estimator": "arx", "past_outputs": 12, "past_inputs": 6, "prior": (1.4, 1.0, 1.0, 1.0)},
-    "daily": {"estimator": "daily", "prior": (0.5, 1.0, 1.0, 1.0)},
-}
 
 
 _BARE = "bare"
@@ -86,8 +73,7 @@ def default_members(network: Network) -> Tables:
 
 def former_members(network: Network) -> Tables:
     """The members that a bank which is told none had before: a zone with state of them goes on with them."""
-    variants = list(family(network.without_terms()))[1:] if network.name == AUTO else []
-    return _FORMER | {f"steady-{variant}": {**_FORMER["steady"], "network": variant} for variant in variants}
+    return {name: table for name, table in default_members(network).items() if name != "blind"}
 
 
 @dataclass(frozen=True)

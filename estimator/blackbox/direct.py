@@ -99,7 +99,9 @@ class Direct(Regression):
         self._day = max(1, round(_DAY / period))
         self._leads = np.unique([max(1, round(hours * _HOUR / period)) for hours in _LEADS])
         self._windows = np.array([max(1, round(hours * _HOUR / period)) for hours in (*_PAST, *_LAST, *_CHANGES)])
-        self._width = _OWN + (1 + len(_PAST) + len(_LAST)) * len(network.inputs)
+        self._foresees = not options.blind
+        means = len(_PAST) + (1 + len(_LAST)) * self._foresees
+        self._width = _OWN + means * len(network.inputs)
         least = np.full(self._width, _LEAST_INPUT_SPREAD)
         least[:_OWN] = _LEAST_SPREAD
         self._least = least**2
@@ -141,7 +143,7 @@ class Direct(Regression):
         known = np.concatenate([state.measured[:, 1:], np.zeros((len(rows), 1))], axis=1)
         ahead = _foretold(
             rows, self._sums(held), self._leads[:1], self._windows, self._day, int(state.step), 2 * self._day - 1,
-            state.coefficients[0], self._trust(state), state.seen,
+            state.coefficients[0], self._trust(state), state.seen, self._foresees,
         )  # fmt: skip
         rows[:, -1] += ahead[:, 0]
         return state._replace(outputs=rows, measured=known, inputs=held, step=state.step + 1, fitted=state.fitted + 1)
@@ -166,7 +168,7 @@ class Direct(Regression):
         _learn(
             past, known, self._sums(state.inputs), self._leads, self._windows, self._day, int(state.step),
             (int(state.fitted), state.coefficients, self._trust(state)), (moments, verified, seen),
-            (self._forgetting, self.verified_share(int(state.step))),
+            (self._forgetting, self.verified_share(int(state.step))), self._foresees,
         )  # fmt: skip
         learned = state._replace(outputs=past, measured=known, moments=moments, verified=verified, seen=seen)
         if state.fitted >= self._day:
@@ -202,7 +204,7 @@ class Direct(Regression):
         for last in range(day, day + steps, day):
             changes = _foretold(
                 outputs, sums, needed, self._windows, day, int(issue.step) + last - day - 1, last, issue.coefficients,
-                issue.trust, issue.seen,
+                issue.trust, issue.seen, self._foresees,
             )  # fmt: skip
             for i, row in enumerate(changes):
                 outputs[i, last + 1 : last + 1 + day] = outputs[i, last] + np.interp(ahead, known, [0.0, *row])
@@ -267,7 +269,7 @@ def _spread(sds: Array, leads: Array, late: Array, ahead: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _row(outputs, sums, origin, lead, windows, day, step, row):  # type: ignore[no-untyped-def]
+def _row(outputs, sums, origin, lead, windows, day, step, foresees, row):  # type: ignore[no-untyped-def]
     """Regressors (p,) of a forecast `lead` steps ahead of the sample at the place `origin`, number `step`, in place.
 
     `sums` (m + 1, n_u) are those of the inputs before each place: that of place k is held from sample k to the next.
@@ -283,14 +285,17 @@ def _row(outputs, sums, origin, lead, windows, day, step, row):  # type: ignore[
     row[6], row[7] = np.sin(angle), np.cos(angle)
     place = 8
     for j in range(sums.shape[1]):
-        row[place] = (sums[target, j] - sums[origin, j]) / lead
+        if foresees:
+            row[place] = (sums[target, j] - sums[origin, j]) / lead
+            place += 1
         for w in range(3):
             first = max(origin - windows[w], 0)
-            row[place + 1 + w] = (sums[origin, j] - sums[first, j]) / max(origin - first, 1)
-        for w in range(2):
+            row[place] = (sums[origin, j] - sums[first, j]) / max(origin - first, 1)
+            place += 1
+        for w in range(2 if foresees else 0):
             first = max(target - windows[3 + w], origin)
-            row[place + 4 + w] = (sums[target, j] - sums[first, j]) / (target - first)
-        place += 6
+            row[place] = (sums[target, j] - sums[first, j]) / (target - first)
+            place += 1
 
 
 @njit(cache=True, nogil=True)
@@ -300,18 +305,22 @@ def _change(row, coefficients, lowest, highest):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _foretold(outputs, sums, leads, windows, day, step, origin, coefficients, trust, seen):  # type: ignore[no-untyped-def]
+def _foretold(  # type: ignore[no-untyped-def]
+    outputs, sums, leads, windows, day, step, origin, coefficients, trust, seen, foresees
+):  # fmt: skip
     """Changes (n_y, L) [K] after the sample at the place `origin`, number `step`."""
     row, changes = np.empty(coefficients.shape[2]), np.empty((outputs.shape[0], len(leads)))
     for i in range(outputs.shape[0]):
         for n in range(len(leads)):
-            _row(outputs[i], sums, origin, leads[n], windows, day, step, row)
+            _row(outputs[i], sums, origin, leads[n], windows, day, step, foresees, row)
             changes[i, n] = trust[i, n] * _change(row, coefficients[i, n], seen[i, n, 0], seen[i, n, 1])
     return changes
 
 
 @njit(cache=True, nogil=True)
-def _learn(outputs, measured, sums, leads, windows, day, step, known, learned, memory):  # type: ignore[no-untyped-def]
+def _learn(  # type: ignore[no-untyped-def]
+    outputs, measured, sums, leads, windows, day, step, known, learned, memory, foresees
+):  # fmt: skip
     """Verify what could be forecast for the newest sample, number `step`, and add it to what is `learned`, in place:
     moments, verified and seen. `known` are the steps since the fit, the coefficients and the trust; `memory` is what a
     step leaves of moments and of verified forecasts."""
@@ -325,7 +334,7 @@ def _learn(outputs, measured, sums, leads, windows, day, step, known, learned, m
             origin = target - leads[n]
             if measured[i, target] == 0.0 or measured[i, origin] == 0.0:
                 continue
-            _row(outputs[i], sums, origin, leads[n], windows, day, step - leads[n], row)
+            _row(outputs[i], sums, origin, leads[n], windows, day, step - leads[n], foresees, row)
             real = outputs[i, target] - outputs[i, origin]
             # With the coefficients that were in force when the forecast would have been made.
             then = coefficients[0 if leads[n] <= fitted else 1, i, n]

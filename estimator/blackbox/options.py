@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
+from estimator.errors import OptionsError
 from estimator.network.network import Network
 from estimator.option_checks import check_known, checked_number
 
@@ -36,6 +37,8 @@ class DirectOptions:
     """The same for verified forecasts, from which trust and spread follow [d]."""
     penalty_days: float = 0.2
     """Days of samples that speak for persistence."""
+    blind: bool = False
+    """Whether inputs to come are left out: for forecasts that need no plan, and where they mislead."""
 
 
 _RANGES = {
@@ -61,7 +64,10 @@ def resolve_daily(network: Network, period: float, given: Mapping[str, object]) 
 def resolve_direct(network: Network, period: float, given: Mapping[str, object]) -> DirectOptions:
     """The options in force; OptionsError with one sentence naming the option that is wrong."""
     check_known(given, {field.name for field in fields(DirectOptions)}, "direct")
-    return DirectOptions(**_checked(given))
+    blind = given.get("blind", False)
+    if not isinstance(blind, bool):
+        raise OptionsError(f"blind = {blind!r} must be true or false", "blind")
+    return DirectOptions(**_checked({name: value for name, value in given.items() if name != "blind"}), blind=blind)
 
 
 def _resolve(estimator: str, preset: Mapping[str, object], given: Mapping[str, object]) -> ARXOptions:

@@ -51,7 +51,7 @@ def diagnose(
     record: Record,
     inputs: Array,
     *,
-    thermostat: Thermostat | None = None,
+    thermostat: Thermostat,
     proposes_bounds: bool = False,
 ) -> Diagnosis:
     """Every finding about `state`, with the zone's `record`, the `inputs` (n_u,) in force and what is known of its
@@ -60,7 +60,7 @@ def diagnose(
     With `proposes_bounds` narrower bounds are proposed once there is a week of data.
     """
     days = recorded_days(record)
-    findings = [] if thermostat is None else disobedience(estimator.network, thermostat)
+    findings = disobedience(estimator.network, thermostat)
     findings += implausible(estimator, state, inputs, record.largest)
     bank = estimator if isinstance(estimator, Bank) else None
     if days >= SETTLED_DAYS:

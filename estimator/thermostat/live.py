@@ -1,4 +1,4 @@
-"""What a zone with a set-point forecasts: its physics with the thermostat's law inside, under the set-points to come.
+"""What a zone forecasts live: its physics with the thermostat's law inside, under the set-points to come.
 
 Two questions are answered, and each learns from its own verified forecasts.
 
@@ -6,9 +6,9 @@ Under a plan of set-points the physical members simulate, each draw with the law
 to be worth at that question, from a prior by what the bank trusts them with; members without physics have no answer.
 
 Without a plan nobody knows what people will set. Several futures are told apart: set-points as in each of GUESSES with
-the law inside, and the heat held, with all members; where no heat obeys a set-point, the heat held or as a day before.
-They weigh what they proved to be worth, horizon by horizon, by exponentiated gradient on the CRPS as the members of a
-bank do (`estimator.bank.weights`).
+the law inside, and the heat held, with all members; where no heat obeys a set-point, the heat held or as a day before;
+and what the regressions of a bank say that ask for no input to come. They weigh what they proved to be worth, horizon
+by horizon, by exponentiated gradient on the CRPS as the members of a bank do (`estimator.bank.weights`).
 
 Both are held to what came as they were asked: under the inputs that were foreseen at the issue, with a plan also under
 the set-points that followed. Widths are kept as the bank keeps its own (`estimator.bank.coverage`), with one exception.
@@ -34,13 +34,17 @@ from estimator.thermostat import held
 from estimator.thermostat.closed_loop import Paths, Start, started
 from estimator.thermostat.futures import GUESSES, NOTHING_KNOWN, ToCome, guesses
 from estimator.thermostat.law import Laws
-from estimator.thermostat.memory import Memory, at, reaches_back
+from estimator.thermostat.memory import Memory, reaches_back
 from estimator.thermostat.thermostat import Thermostat
 from estimator.types import Estimator, Mixture, Mixtures, ModelDraws
+from estimator.verification.hindsight import EVERY, issued_at
 from estimator.verification.scores import distribution, reduced
 
-FUTURES = (*GUESSES, "heat-held", "heat-of-yesterday")
-"""Of a forecast without a plan; the last two do not ask what the thermostat is set to."""
+FUTURES = (*GUESSES, "heat-held", "heat-of-yesterday", "by-regression")
+"""Of a forecast without a plan; the last three do not ask what the thermostat is set to, and the last one asks for no
+heat."""
+
+_BY_REGRESSION = len(FUTURES) - 1
 
 HORIZONS = (3600.0, 21600.0, 86400.0)
 """Leads at which weights and widths are learned [s]."""
@@ -56,7 +60,7 @@ _FORCED = 2
 LEVEL = 0.95
 """Of the interval whose coverage is kept."""
 
-_PRIOR = (0.4, 1.0, 0.5, 0.7, 0.4, 0.6)
+_PRIOR = (0.4, 1.0, 0.5, 0.7, 0.4, 0.6, 1.0)
 """What each future weighs before it has proved anything, relative to the others."""
 
 _SCHEDULED = (8.0, *_PRIOR[1:])
@@ -66,7 +70,6 @@ _DISCOUNT, _RATE, _SHARING = 0.998, 0.1, 0.5
 _FEEDBACK, _FIRST = 0.02, 1.0
 """As the defaults of a bank."""
 
-_EVERY = 3600.0
 _KEPT = 12
 """Draws of each member that wait for the set-points that follow."""
 
@@ -91,7 +94,6 @@ _BEYOND = 3.0
 _GONE = 1e-6
 """Weight of a future that is not believed, relative to one that is: where no other is left, it still counts."""
 
-_DAY = 86400.0
 _HOUR = 3600.0
 
 
@@ -148,11 +150,13 @@ class Fan(NamedTuple):
     """(N, L - 1, n_laws): what each law's input gives over each step."""
     chances: Array
     """(L - 1, F): what each future weighs at each step; no column under a plan."""
+    simulated: int
+    """Components of `outputs`, the first ones, that are paths of a model of the building, unless none is."""
 
     def paths(self, count: int) -> Array:
-        """(count, L, n_y): futures [degC] without the sensor's noise, as likely as their weight at the last time; each
-        begins at the mean of the first."""
-        last = self.outputs.weights[-1]
+        """(count, L, n_y): simulated futures [degC] without the sensor's noise, as likely as their weight at the last
+        time; each begins at the mean of the first."""
+        last = self.outputs.weights[-1, : self.simulated]
         places = (np.arange(count) + 0.5) / count * last.sum()
         chosen = np.minimum(np.searchsorted(np.cumsum(last), places), len(last) - 1)
         found = self.outputs.means[:, :, chosen]
@@ -190,7 +194,7 @@ class LiveForecasts:
         """Steps ahead at which both questions are verified; the first step is the published forecast, whoever asks."""
         prior = np.array(_PRIOR if to_come.schedule is None else _SCHEDULED)
         self._prior = np.tile(prior[:, None], len(self.leads))
-        self._hours = max(1, round(_EVERY / estimator.period)) * estimator.period / _HOUR
+        self._hours = max(1, round(EVERY / estimator.period)) * estimator.period / _HOUR
 
     def begin(self) -> Live:
         """Nothing was proved."""
@@ -210,9 +214,9 @@ class LiveForecasts:
         return live._replace(setpoints=live.setpoints[:0], issues=())
 
     def knows(self, thermostat: Thermostat, time: float) -> bool:
-        """Whether `unplanned` has futures beside the heat held: with a law, or once a day before `time` [UTC s] is
-        remembered."""
-        return self.obeyed(thermostat) or reaches_back(thermostat.memory, time)
+        """Whether `unplanned` has futures beside the heat held: in a bank, with a law, or once set-points of a day
+        before `time` [UTC s] are remembered."""
+        return self._bank is not None or self.obeyed(thermostat) or reaches_back(thermostat.memory, time)
 
     def obeyed(self, thermostat: Thermostat) -> bool:
         """Whether a plan of set-points can be answered: a member has physics, and heat obeys a set-point."""
@@ -231,7 +235,7 @@ class LiveForecasts:
         starts = self._started(state, laws, shares, len(rows), _DRAWS, time // round(self._estimator.period))
         outputs, paths, own = self._under(live, starts, shares, thermostat, setpoints, rows, before, leads)
         heat, chances = _heat(paths, own)
-        return Fan(outputs.after(self._now(state)), chances, heat, np.empty((len(rows), 0)))
+        return Fan(outputs.after(self._now(state)), chances, heat, np.empty((len(rows), 0)), outputs.weights.shape[1])
 
     def unplanned(
         self,
@@ -239,24 +243,32 @@ class LiveForecasts:
         state: Any,
         thermostat: Thermostat,
         rows: Array,
+        yesterday: Array,
         before: Array,
         time: int,
     ) -> Fan:
-        """The forecast from `state` at `time` [UTC s] on, where nobody plans: `rows` (h, n_d) hold the heat."""
+        """The forecast from `state` at `time` [UTC s] on, where nobody plans: `rows` (h, n_d) hold the heat, and
+        `yesterday` (h, n_d) is the same with that of the day before."""
         leads = np.arange(2, len(rows) + 2, dtype=np.float64)
         chances = between(self._chances(live, thermostat).T, self.leads, leads)
         chosen = chances.max(axis=1) >= _NEGLIGIBLE
-        futures = self._futures(live, state, thermostat, rows, before, time, chosen, _DRAWS)
+        futures = self._futures(live, state, thermostat, (rows, yesterday), before, time, chosen, _DRAWS)
         chances = np.where(chosen[:, None], chances, 0.0)
         chances /= chances.sum(axis=0)
         scales = self._scales(live, UNPLANNED, leads)
         places = sorted(futures)
         outputs = mixed_futures([futures[place][0] for place in places], chances[places], scales)
+        # Whoever asks for no heat tells of none.
+        heated = [place for place in places if place != _BY_REGRESSION] or places
+        of_heat = chances[heated] / np.maximum(chances[heated].sum(axis=0), 1e-12)
         return Fan(
             outputs=outputs.after(self._now(state)),
-            weights=np.concatenate([chances[place][:, None] * futures[place][1][1] for place in places], axis=1),
-            heat=np.concatenate([futures[place][1][0] for place in places]),
+            weights=np.concatenate(
+                [share[:, None] * futures[place][1][1] for share, place in zip(of_heat, heated, strict=True)], axis=1
+            ),
+            heat=np.concatenate([futures[place][1][0] for place in heated]),
             chances=chances.T,
+            simulated=sum(futures[place][0].weights.shape[1] for place in heated),
         )
 
     def likely(self, live: Live, thermostat: Thermostat, times: Array) -> Array:
@@ -318,14 +330,13 @@ class LiveForecasts:
 
     def _learned_of_none(self, live: Live, horizon: int, issue: Issue, value: float) -> tuple[Live, Mixture | None]:
         """What the futures of an issue made of it, and what had been told of it."""
-        there = np.flatnonzero(np.isfinite(issue.futures[horizon, :, 0, 0])).tolist()
+        there, parts = _parts(issue, horizon)
         if not there:
             return live, None
-        parts = [Mixture(issue.futures[horizon, i, 0], *issue.futures[horizon, i, 1:, None]) for i in there]
         now = self._weights(live.futures, self._prior)[there, horizon]
         futures = _judged(live.futures, horizon, parts, now / now.sum(), value, self._hours, there)
         scale = float(issue.scales[UNPLANNED, horizon])
-        whole = mixed(parts, issue.chances[horizon, there], scale)
+        whole = _unplanned(issue, horizon, scale)
         live = self._widened(live._replace(futures=futures), UNPLANNED, horizon, whole, scale, value)
         return live, whole
 
@@ -352,22 +363,28 @@ class LiveForecasts:
         thermostat: Thermostat,
         before: Array,
         time: int,
-        ahead: Callable[[int], Array],
+        ahead: Callable[[int], tuple[Array, Array]],
     ) -> Live:
         """One period on under the inputs `before` (n_u,) and the newest set-point, to `state` at `time` [UTC s].
 
-        Once an hour both questions are answered, to be held to what comes; `ahead(h)` gives the drive rows that are
-        foreseen of h steps.
+        Once an hour both questions are answered, to be held to what comes; `ahead(h)` gives the drive rows of h steps
+        that hold the heat, and those with the heat of the day before.
         """
         step, longest = live.step + 1, max(self.leads, default=0)
         issues = tuple(issue for issue in live.issues if step - int(issue.step) < longest)
         setpoints = np.append(live.setpoints, thermostat.setpoint)
-        every = max(1, round(_EVERY / self._estimator.period))
-        if longest and step % every == self._seed % every:
-            rows_ahead = ahead(longest - 1)
-            issues = (*issues, self._issue(live, step, state, thermostat, rows_ahead, before, time))
+        if longest and issued_at(time, self._estimator.period, self._seed) and self.knows(thermostat, time):
+            issues = (*issues, self._issue(live, step, state, thermostat, ahead(longest - 1), before, time))
         kept = step - int(issues[0].step) if issues else 0
         return live._replace(step=step, setpoints=setpoints[len(setpoints) - kept :], issues=issues)
+
+    def issued(self, live: Live) -> list[Mixture] | None:
+        """The forecasts without a plan that were issued at this very step, of the first output at each of `leads`; None
+        where none was."""
+        if not live.issues or int(live.issues[-1].step) != live.step:
+            return None
+        issue, scales = live.issues[-1], live.issues[-1].scales[UNPLANNED]
+        return [_unplanned(issue, horizon, scale) for horizon, scale in enumerate(scales.tolist())]
 
     def pack(self, live: Live) -> dict[str, Array]:
         """Everything as arrays, by name."""
@@ -388,7 +405,8 @@ class LiveForecasts:
         """What was packed, with the same bits; the beginning for what was stored before there was any of it, or is of
         other members or leads. Forecasts that wait are dropped where they say nothing of what was foreseen."""
         fresh = self.begin()
-        if "step" not in arrays or arrays["members.excess"].shape != fresh.members.excess.shape:
+        alike = ("members.excess", fresh.members.excess), ("futures.excess", fresh.futures.excess)
+        if "step" not in arrays or any(arrays[name].shape != known.shape for name, known in alike):
             return fresh
         issues = []
         for row in range(len(arrays["issues.step"]) if "issues.foreseen" in arrays else 0):
@@ -416,7 +434,7 @@ class LiveForecasts:
         step: int,
         state: Any,
         thermostat: Thermostat,
-        rows: Array,
+        rows: tuple[Array, Array],
         before: Array,
         time: int,
     ) -> Issue:
@@ -436,7 +454,7 @@ class LiveForecasts:
             step=np.array(step, dtype=np.int64),
             drawn=tuple(_arrays(one) for one in drawn if one is not None),
             before=before,
-            foreseen=_hourly(rows, self._estimator.period),
+            foreseen=_hourly(rows[0], self._estimator.period),
             trusted=self._trusted(state).T,
             shares=self._shares(live, state).T,
             futures=futures,
@@ -450,14 +468,15 @@ class LiveForecasts:
         live: Live,
         state: Any,
         thermostat: Thermostat,
-        rows: Array,
+        ahead: tuple[Array, Array],
         before: Array,
         time: int,
         chosen: Array,
         count: int,
     ) -> dict[int, tuple[Mixtures, tuple[Array, Array]]]:
         """Of the futures that are `chosen` (F,), by their place: the outputs after each row, and the heat of each step
-        (N, h, n_laws) with its weights (h, N)."""
+        (N, h, n_laws) with its weights (h, N). The rows `ahead` hold the heat, or repeat that of the day before."""
+        rows, yesterday = ahead
         period, steps, laws, memory = self._estimator.period, len(rows), thermostat.laws, thermostat.memory
         times = time + period * np.arange(steps, dtype=np.float64)
         leads = np.arange(2, steps + 2, dtype=np.float64)
@@ -470,24 +489,13 @@ class LiveForecasts:
                 outputs, paths, own = self._under(live, starts, shares, thermostat, told[place], rows, before, leads)
                 found[place] = outputs, _heat(paths, own)
         for place in (np.flatnonzero(chosen[len(GUESSES) :]) + len(GUESSES)).tolist():
-            planned = rows if FUTURES[place] == "heat-held" else self._as_yesterday(memory, rows, times)
-            issue = self._estimator.issue(state, count if count == _TRIED else self._estimator.forecast_draws)
+            planned = yesterday if FUTURES[place] == "heat-of-yesterday" else rows
+            asked = state if self._bank is None or place != _BY_REGRESSION else self._bank.by_regression(state)
+            issue = self._estimator.issue(asked, count if count == _TRIED else self._estimator.forecast_draws)
             outputs = self._estimator.unfold(issue, planned).during(slice(1, None))
             heat = planned[None, :, laws.column.astype(np.int64)]
             found[place] = outputs, (heat, np.ones((steps, 1)))
         return found
-
-    def _as_yesterday(self, memory: Memory, rows: Array, times: Array) -> Array:
-        """`rows` with the heat of the day before, as far as it is remembered."""
-        network, planned = self._estimator.network, rows.copy()
-        if not len(memory.times):
-            return planned
-        then = at(memory, memory.inputs, times - _DAY * ((times - times[:1]) // _DAY + 1.0))
-        for channel in network.heat_channels:
-            if network.channel_unit(channel) == "W":
-                column = network.inputs.index(channel)
-                planned[:, column] = np.where(np.isnan(then[:, column]), rows[:, column], then[:, column])
-        return planned
 
     def _under(
         self,
@@ -574,11 +582,25 @@ class LiveForecasts:
         found = self._weights(live.futures, self._prior)
         obeyed = self.obeyed(thermostat) and not np.isnan(thermostat.setpoint)
         found[FUTURES.index("heat-of-yesterday") if obeyed else slice(len(GUESSES))] = 0.0
+        if self._bank is None or not self._bank.regresses:
+            found[_BY_REGRESSION] = 0.0
         found = found / found.sum(axis=0)
         return np.asarray(found.T)
 
     def _weights(self, costs: Costs, prior: Array) -> Array:
         return weights(costs, prior, _RATE, _SHARING)
+
+
+def _parts(issue: Issue, horizon: int) -> tuple[list[int], list[Mixture]]:
+    """The futures without a plan that there were, by their places."""
+    there = np.flatnonzero(np.isfinite(issue.futures[horizon, :, 0, 0])).tolist()
+    return there, [Mixture(issue.futures[horizon, i, 0], *issue.futures[horizon, i, 1:, None]) for i in there]
+
+
+def _unplanned(issue: Issue, horizon: int, scale: float) -> Mixture:
+    """What was told without a plan."""
+    there, parts = _parts(issue, horizon)
+    return mixed(parts, issue.chances[horizon, there], scale)
 
 
 def _judged(

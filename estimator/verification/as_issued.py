@@ -7,14 +7,14 @@ kept, and scored when its time has come, beside persistence and the same time a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimator.arrays import Array, Indices
-from estimator.types import Estimator, Mixture, Mixtures
-from estimator.verification.hindsight import EVERY, HORIZONS
+from estimator.types import Estimator, Mixture
+from estimator.verification.hindsight import HORIZONS
 from estimator.verification.scores import COMPONENTS, crps, reduced
 from estimator.verification.skill import SkillBook, empty_book, means, noted
 from estimator.verification.verification import LEVEL
@@ -97,7 +97,6 @@ class AsIssued:
         leads = [round(horizon / period) for horizon in HORIZONS]
         # One step ahead the inputs are known, and the published forecast is scored as it is.
         self._leads = [lead for lead in leads if lead > 1]
-        self._every = max(1, round(EVERY / period))
         self._a_day = round(_DAY / period)
         self.leads = tuple(round(lead * period) for lead in self._leads)
         """Of the horizons, from the last sample known to the one forecast [s]."""
@@ -125,19 +124,15 @@ class AsIssued:
         later = waiting.due > waiting.step
         return Issued(_changed(waiting, lambda name, rows: rows[later]), book)
 
-    def predict(self, issued: Issued, phase: int, futures: Callable[[int], Mixtures]) -> Issued:
-        """One period on.
-
-        Every EVERY s, at the steps that leave the remainder `phase`, a forecast is issued: `futures` over a number h of
-        steps, h + 1 mixtures of which the first is of the next sample.
-        """
+    def predict(self, issued: Issued, futures: Callable[[Sequence[int]], Sequence[Mixture]] | None) -> Issued:
+        """One period on. Where a forecast is issued, `futures` makes it at a number of leads, in steps from the last
+        sample."""
         waiting = issued.waiting
         step = int(waiting.step) + 1
         waiting = waiting._replace(step=np.array(step))
-        if step % self._every == phase % self._every and self._leads:
-            fan = futures(max(self._leads) - 1)
-            for horizon, lead in enumerate(self._leads):
-                waiting = _with(waiting, step + lead - 1, horizon, self._estimator, fan.at(lead - 1))
+        if futures is not None and self._leads:
+            for horizon, (lead, mixture) in enumerate(zip(self._leads, futures(self._leads), strict=True)):
+                waiting = _with(waiting, step + lead - 1, horizon, self._estimator, mixture)
         return issued._replace(waiting=waiting)
 
     def scores(self, issued: Issued, time: int, days: int) -> IssuedScores:

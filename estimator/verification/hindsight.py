@@ -26,6 +26,13 @@ EVERY = 3600.0
 """Time from one issue to the next [s]."""
 
 
+def issued_at(time: float, period: float, seed: int) -> bool:
+    """Whether live forecasts from a state at `time` [UTC s] are verified, one every EVERY s; `seed` spreads the zones
+    of a site over it."""
+    every = max(1, round(EVERY / period))
+    return round(time / period) % every == seed % every
+
+
 class Issue(NamedTuple):
     """What each member issued for the time of step `step` and what follows."""
 

@@ -50,7 +50,7 @@ class NextRise(NamedTuple):
         if standing is None:
             return None
         thermostat, live = standing.carried.thermostat, standing.carried.live
-        if thermostat is None or live is None or not worker.loop.live.obeyed(thermostat):
+        if not worker.loop.live.obeyed(thermostat):
             return None
         start = standing.update.forecast.valid_time
         times = start + worker.period * np.arange(self.steps, dtype=np.float64)

@@ -71,10 +71,9 @@ class FanQuestion(NamedTuple):
         lawful = with_law(worker, standing, rows, self.planned, _grid(worker, standing, self))
         futures = _futures(worker, standing, rows, self) if lawful is None else lawful.outputs
         found = _summaries(worker, standing, futures, self, given_up)
-        paths, origins = _paths(worker, standing, rows, self.scenarios, lawful), outlook.origins
-        if lawful is not None:
-            obeys = obedient(worker.network, standing, self.planned)
-            origins = tuple(_by_thermostat(one) if one.channel in obeys else one for one in origins)
+        obeys = obedient(worker.network, standing, self.planned) if lawful is not None else ()
+        paths = _paths(worker, standing, rows, self.scenarios, lawful if obeys else None)
+        origins = tuple(_by_thermostat(one) if one.channel in obeys else one for one in outlook.origins)
         return Fan(standing.update, self.levels, _columns(worker, found, len(self.levels), paths), origins)
 
 

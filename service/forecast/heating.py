@@ -251,7 +251,7 @@ class _Futures:
         self, worker: ZoneWorker, standing: Standing, weather: Weather, steps: int, given_up: Callable[[], bool]
     ) -> None:
         thermostat = standing.carried.thermostat
-        if thermostat is None or not worker.loop.live.obeyed(thermostat):
+        if not worker.loop.live.obeyed(thermostat):
             raise NoLaw(why_no_law(worker.network, standing))
         forecast = standing.update.forecast
         self.setpoint = float(thermostat.setpoint)

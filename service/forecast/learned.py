@@ -110,10 +110,7 @@ class SkillQuestion(NamedTuple):
 
 def learned_laws(worker: ZoneWorker) -> tuple[LearnedLaw, ...]:
     """The laws of the thermostat; none where none is known."""
-    thermostat = worker.carried.thermostat
-    if thermostat is None:
-        return ()
-    laws, found = thermostat.laws, []
+    laws, found = worker.carried.thermostat.laws, []
     for place, column in enumerate(laws.column.astype(int).tolist()):
         mean, spread = laws.numbers[place], 1.96 * np.sqrt(np.diagonal(laws.covariance[place]))
         # Power and band are no less than nothing.

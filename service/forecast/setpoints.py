@@ -32,15 +32,15 @@ def with_law(worker: ZoneWorker, standing: Standing, rows: Array, planned: Input
         return None
     before, forecasts = standing.carried.held.values, worker.loop.live
     if asks_set_points(planned, network):
-        if live is None or thermostat is None or not forecasts.obeyed(thermostat):
+        if not forecasts.obeyed(thermostat):
             raise NoLaw(why_no_law(network, standing))
         setpoints = _set_points(worker, standing, thermostat, planned, grid)
         return forecasts.planned(live, standing.state, thermostat, setpoints, rows, before, int(grid.start))
-    if live is None or thermostat is None or _driven(network, standing) & planned.keys():
+    if _driven(network, standing) & planned.keys() or not forecasts.knows(thermostat, grid.start):
         return None
-    if not forecasts.knows(thermostat, grid.start):
-        return None
-    return forecasts.unplanned(live, standing.state, thermostat, rows, before, int(grid.start))
+    start = int(grid.start)
+    yesterday = worker.loop.with_heat_of_yesterday(standing.carried, start, rows)
+    return forecasts.unplanned(live, standing.state, thermostat, rows, yesterday, before, start)
 
 
 def law_room(
@@ -49,7 +49,7 @@ def law_room(
     """The zone's physics with the law inside, to be simulated with its neighbours; None where `with_law` is none, or
     has no law. Without a plan the likeliest set-points come."""
     network, thermostat = worker.network, _unplanned(worker.network, standing, planned)
-    if thermostat is None or not worker.loop.live.obeyed(thermostat) or not grid.steps:
+    if not worker.loop.live.obeyed(thermostat) or not grid.steps:
         return None
     if not asks_set_points(planned, network) and _driven(network, standing) & planned.keys():
         return None
@@ -61,8 +61,6 @@ def law_room(
 def obedient(network: Network, standing: Standing, planned: Inputs) -> Collection[str]:
     """The inputs that obey the law where `with_law` answers."""
     thermostat = _unplanned(network, standing, planned)
-    if thermostat is None:
-        return ()
     return [network.inputs[column] for column in thermostat.laws.column.astype(int).tolist()]
 
 
@@ -71,19 +69,17 @@ def asks_set_points(planned: Inputs, network: Network) -> bool:
     return SET_POINTS in planned and SET_POINTS not in network.inputs
 
 
-def _unplanned(network: Network, standing: Standing, planned: Inputs) -> Thermostat | None:
+def _unplanned(network: Network, standing: Standing, planned: Inputs) -> Thermostat:
     """What is known of the thermostat, without the laws of inputs that are `planned` themselves."""
     thermostat = standing.carried.thermostat
-    if thermostat is None:
-        return None
     kept = [network.inputs[int(column)] not in planned for column in thermostat.laws.column]
     return thermostat._replace(laws=type(thermostat.laws)(*(rows[kept] for rows in thermostat.laws)))
 
 
 def _driven(network: Network, standing: Standing) -> set[str]:
     """The inputs whose plan is a plan of the heating: those that obey the law, or any heat where none is known."""
-    laws = standing.carried.thermostat.laws if standing.carried.thermostat is not None else None
-    if laws is not None and len(laws.column):
+    laws = standing.carried.thermostat.laws
+    if len(laws.column):
         return {network.inputs[int(column)] for column in laws.column}
     return {channel for channel in network.heat_channels if network.channel_unit(channel) == "W"}
 
@@ -91,7 +87,6 @@ def _driven(network: Network, standing: Standing) -> set[str]:
 def _set_points(worker: ZoneWorker, standing: Standing, thermostat: Thermostat, planned: Inputs, grid: Grid) -> Array:
     """(h,): as planned, and otherwise as is likeliest."""
     times = grid.start + grid.period * np.arange(grid.steps, dtype=np.float64)
-    assert standing.carried.live is not None
     likely = worker.loop.live.likely(standing.carried.live, thermostat, times)
     if not asks_set_points(planned, worker.network):
         return likely
@@ -102,7 +97,7 @@ def _set_points(worker: ZoneWorker, standing: Standing, thermostat: Thermostat, 
 def why_no_law(network: Network, standing: Standing) -> str:
     """Why no law of a thermostat is known, in a sentence with its remedies."""
     heat = ", ".join(channel for channel in network.heat_channels if network.channel_unit(channel) == "W") or "none"
-    if standing.carried.thermostat is None:
+    if not len(standing.carried.thermostat.memory.times):
         return (
             f"no set-point was measured yet, so nobody knows what {SET_POINTS} does; give the zone a [zones.setpoint] "
             f"(tg.fit: a column {SET_POINTS}), or plan the heating in W ({heat})"

@@ -26,7 +26,7 @@ from estimator.diagnosis.record import Record
 from estimator.diagnosis.telemetry.earlier import Earlier
 from estimator.diagnosis.telemetry.lies import Suspicion
 from estimator.diagnosis.telemetry.recent import Recent
-from estimator.foresight import Day
+from estimator.foresight import restored
 from estimator.loop import Held
 from estimator.loop import Standing as LoopStanding
 from estimator.network.network import Network
@@ -110,17 +110,15 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
     arrays |= {_DAY + name: value for name, value in carried.day._asdict().items()}
     arrays |= {_RECENT + name: value for name, value in carried.recent._asdict().items()}
     arrays |= {_RECORD + name: value for name, value in carried.record._asdict().items()}
-    if carried.thermostat is not None and carried.live is not None:
-        arrays |= {_THERMOSTAT + name: value for name, value in thermostats.pack(carried.thermostat).items()}
-        arrays |= {_LIVE + name: value for name, value in loop.live.pack(carried.live).items()}
+    arrays |= {_THERMOSTAT + name: value for name, value in thermostats.pack(carried.thermostat).items()}
+    arrays |= {_LIVE + name: value for name, value in loop.live.pack(carried.live).items()}
     for place, earlier in enumerate(carried.earlier):
         under = _EARLIER.format(place)
         arrays[under + _TIME] = np.array(earlier.time, dtype=np.float64)
         arrays |= {
             under + _STATE + name: np.asarray(value) for name, value in loop.estimator.pack(earlier.state).items()
         }
-        if earlier.live is not None:
-            arrays |= {under + _LIVE + name: value for name, value in loop.live.pack(earlier.live).items()}
+        arrays |= {under + _LIVE + name: value for name, value in loop.live.pack(earlier.live).items()}
     about = {
         "network": worker.network.name,
         "estimator": estimator,
@@ -155,7 +153,7 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
         held=Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES]),
         vanished=meta.progress.vanished,
         standing=standing,
-        day=Day(**_under(_DAY, checkpoint)),
+        day=restored(_under(_DAY, checkpoint)),
         record=Record(**_under(_RECORD, checkpoint)),
         suspicions=meta.suspicions,
         diagnosis=meta.diagnosis,
@@ -163,10 +161,10 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
     # State of before the telemetry was watched has none.
     if recent := _under(_RECENT, checkpoint):
         carried = carried._replace(recent=Recent(**recent))
-    # Neither is there before the zone was told a set-point.
+    # A zone that was told no set-point once stored nothing of these.
     if known := _under(_THERMOSTAT, checkpoint):
-        thermostat = thermostats.unpack(known, len(worker.network.inputs))
-        carried = carried._replace(thermostat=thermostat, live=loop.live.unpack(_under(_LIVE, checkpoint)))
+        carried = carried._replace(thermostat=thermostats.unpack(known, len(worker.network.inputs)))
+    carried = carried._replace(live=loop.live.unpack(_under(_LIVE, checkpoint)))
     carried = carried._replace(earlier=tuple(_earlier(worker, checkpoint)))
     worker.resume(Standing(carried, update), meta.held_qualities, meta.progress, meta.trust)
 
@@ -176,7 +174,7 @@ def _earlier(worker: ZoneWorker, checkpoint: Checkpoint) -> Iterator[Earlier]:
         if not (state := _under(under + _STATE, checkpoint)):
             return
         live, time = _under(under + _LIVE, checkpoint), float(checkpoint.arrays[under + _TIME])
-        yield Earlier(time, worker.loop.estimator.unpack(state), worker.loop.live.unpack(live) if live else None)
+        yield Earlier(time, worker.loop.estimator.unpack(state), worker.loop.live.unpack(live))
 
 
 def _under(prefix: str, checkpoint: Checkpoint) -> dict[str, Any]:

@@ -21,11 +21,11 @@ class Earlier(NamedTuple):
     """UTC s."""
     state: Any
     """The estimator's."""
-    live: Live | None
-    """What live forecasts had proved to be worth, and none that was pending; None before the first set-point."""
+    live: Live
+    """What live forecasts had proved to be worth, and none that was pending."""
 
 
-def kept(earlier: tuple[Earlier, ...], time: float, state: Any, live: Live | None) -> tuple[Earlier, ...]:
+def kept(earlier: tuple[Earlier, ...], time: float, state: Any, live: Live) -> tuple[Earlier, ...]:
     """`earlier` after a look at `time` [UTC s] that found nothing to suspect; nothing is pending in `live`."""
     if earlier and time - earlier[-1].time < _EVERY:
         return earlier

@@ -68,3 +68,10 @@ def until(recent: Recent, time: float) -> Array:
     rows = recent.values[places].copy()
     rows[recent.times[places] != begins] = np.nan
     return rows
+
+
+def inputs_at(recent: Recent, times: Array) -> Array:
+    """(h, n_u): the inputs as they were measured at `times` (h,) [UTC s]; NaN where that is not known."""
+    begins = times // slot(recent) * slot(recent)
+    places = (begins // slot(recent)).astype(np.int64) % len(recent.times)
+    return np.where((recent.times[places] == begins)[:, None], recent.values[places, 1:], np.nan)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from support.small_building import DAY, room
 
+from estimator.errors import OptionsError
 from estimator.network.presets import network
 from estimator.registry import build
 
@@ -151,3 +152,20 @@ def test_an_output_that_is_late_has_the_spread_of_a_longer_lead():
         late = estimator.update(estimator.predict(late, inputs[k]), np.array([np.nan])).state
     at_once = estimator.unfold(estimator.issue(estimator.predict(state, inputs[0]), 1), inputs[1:12])
     assert estimator.predictive(late).sds[0, 0] == pytest.approx(at_once.sds[-1, 0, 0])
+
+
+def test_a_blind_one_asks_for_no_input_to_come_and_foresees_what_goes_by_the_clock():
+    outputs, inputs = room(30 * DAY)
+    blind = make(blind=True)
+    state = blind.predict(run(blind, outputs, inputs), inputs[-1])
+    plans = (np.tile(row, (DAY - 1, 1)) for row in ([-60.0, 50_000.0], [30.0, 0.0]))
+    first, second = (blind.unfold(blind.issue(state, 1), plan) for plan in plans)
+    np.testing.assert_array_equal(first.means, second.means)
+    own, held = errors_of(make(blind=True), outputs, inputs, 12, after=10 * DAY)
+    knowing, _ = errors_of(make(), outputs, inputs, 12, after=10 * DAY)
+    assert np.mean(knowing**2) < np.mean(own**2) < np.mean(held**2)
+
+
+def test_whether_it_is_blind_is_yes_or_no():
+    with pytest.raises(OptionsError, match="blind = 1 must be true or false"):
+        make(blind=1)

@@ -59,7 +59,7 @@ class Zone:
             self.thermostat,
             inputs,
             self.time,
-            lambda steps: foreseen(HOUSE, self.day, inputs, self.time + PERIOD * np.arange(float(steps))).rows,
+            lambda steps: 2 * (foreseen(HOUSE, self.day, inputs, self.time + PERIOD * np.arange(float(steps))).rows,),
         )
 
     def run(self, data, begin, end):
@@ -98,7 +98,7 @@ def test_where_nobody_plans_a_regular_schedule_is_found_and_the_interval_is_hone
     outputs, rows, _ = after(data, now)
     blind = rows.copy()
     blind[:, 1] = zone.before[1]
-    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, blind, zone.before, zone.time)
+    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, blind, blind, zone.before, zone.time)
     means = (fan.outputs.means[:-1, 0] * fan.outputs.weights[:-1]).sum(axis=1)
     held = unfolded(zone.estimator, zone.state, blind)
     assert np.sqrt(np.mean((means - outputs) ** 2)) < 0.4
@@ -147,7 +147,7 @@ def test_before_a_law_is_known_the_heat_is_held_or_as_the_day_before():
     zone = Zone().run(data, 0, 10)
     rows = np.tile(zone.before, (DAILY, 1))
     assert zone.forecasts.planned(zone.live, zone.state, zone.thermostat, rows[:, 0], rows, zone.before, 0) is None
-    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, rows, zone.before, zone.time)
+    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, rows, rows, zone.before, zone.time)
     assert fan.chances[:, : len(GUESSES)].max() == 0.0
 
 
@@ -158,7 +158,7 @@ def test_a_black_box_has_no_answer_to_a_plan_of_set_points():
     rows = np.tile(zone.before, (DAILY, 1))
     plan = np.full(DAILY, 20.0)
     assert zone.forecasts.planned(zone.live, zone.state, zone.thermostat, plan, rows, zone.before, zone.time) is None
-    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, rows, zone.before, zone.time)
+    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, rows, rows, zone.before, zone.time)
     assert len(fan.outputs.means) == DAILY + 1
 
 
@@ -181,7 +181,7 @@ def test_a_bank_goes_on_from_a_checkpoint_with_the_same_bits_and_asking_changes_
     other.thermostat, other.before, other.day = zone.thermostat, zone.before, zone.day
     rows = np.tile(zone.before, (DAILY, 1))
     for _ in range(2):
-        zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, rows, zone.before, zone.time)
+        zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, rows, rows, zone.before, zone.time)
         zone.forecasts.planned(zone.live, zone.state, zone.thermostat, rows[:, 0] + 15.0, rows, zone.before, zone.time)
     for each in (zone, other):
         each.run(data, 2 * DAILY, 2 * DAILY + 30)
@@ -241,3 +241,18 @@ def test_a_guess_is_as_now_where_nothing_is_remembered():
     assert (found[GUESSES.index("as-last-week")] == 21.0).all()
     assert (found[GUESSES.index("as-yesterday")] == 18.0).all()
     assert (guesses(no_memory(2), 21.0, np.arange(3.0)) == 21.0).all()
+
+
+def test_a_bank_without_a_set_point_asks_its_blind_regressions_too():
+    outputs, inputs, _ = recorded(6, PERIOD)
+    members = {"ekf": {"estimator": "ekf"}, "blind": {"estimator": "direct", "blind": True}}
+    zone = Zone("bank", {"members": members}).run((outputs, inputs, np.full(len(outputs), np.nan)), 0, 6 * DAILY)
+    rows = np.tile(zone.before, (DAILY, 1))
+    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, rows, rows, zone.before, zone.time)
+    chances = dict(zip(FUTURES, fan.chances[-1], strict=True))
+    assert min(chances[name] for name in ("heat-held", "heat-of-yesterday", "by-regression")) > 0.0
+    assert sum(chances[name] for name in GUESSES) == 0.0
+    assert fan.outputs.weights[-1, fan.simulated :].sum() == pytest.approx(chances["by-regression"])
+    told = zone.forecasts.issued(zone.live)
+    assert told is None or len(told) == len(zone.forecasts.leads)
+    assert any(one.question == UNPLANNED and one.lead == DAILY for _, _, one in zone.told)

@@ -35,18 +35,6 @@ def test_a_new_zone_is_a_bank_and_the_options_of_today_are_an_rbpf(tmp_path: Pat
     assert estimators(load(written(tmp_path, estimator_options={}))) == ["bank", "bank"]
 
 
-def test_a_zone_with_state_of_an_rbpf_goes_on_with_it(tmp_path: Path) -> None:
-    before = load(written(tmp_path, estimator="rbpf"))
-    learned(before)
-    now = load(written(tmp_path))
-    assert estimators(now) == ["rbpf", "bank"]
-    assert fingerprint(now.zones[0]) == fingerprint(before.zones[0])
-    assert now.zones[0].options == before.zones[0].options
-    kept = tmp_path / "kept.toml"
-    kept.write_text(effective_toml(now), encoding="utf-8")
-    assert estimators(load(kept)) == ["rbpf", "bank"]
-
-
 def test_a_bank_goes_on_with_other_priors_but_not_with_other_members(tmp_path: Path) -> None:
     members = {"near": {"estimator": "mkf", "particles": 16}, "far": {"estimator": "arx"}}
 
@@ -70,8 +58,8 @@ def test_a_zone_with_state_of_the_former_members_goes_on_with_them(
     table = {"network": network, **given}
     former = former_members(load(written(tmp_path, **table)).zones[0].network)
     options = {**given.get("estimator_options", {}), "members": former}
-    before = load(written(tmp_path, **{**table, "habits": False, "estimator": "bank", "estimator_options": options}))
-    learned(before)
+    before = load(written(tmp_path, **{**table, "estimator": "bank", "estimator_options": options}))
+    learned(before, 0)
     now = load(written(tmp_path, **table))
     assert fingerprint(now.zones[0]) == fingerprint(before.zones[0])
     assert now.zones[0].options == before.zones[0].options
@@ -82,18 +70,17 @@ def test_a_zone_with_state_of_the_former_members_goes_on_with_them(
     assert fingerprint(load(kept).zones[0]) == fingerprint(before.zones[0])
 
 
-def test_who_names_an_estimator_gets_it_whatever_is_stored(tmp_path: Path) -> None:
-    learned(load(written(tmp_path, estimator="rbpf")))
-    assert estimators(load(written(tmp_path, estimator="bank"))) == ["bank", "bank"]
+def test_members_that_are_named_are_those_of_the_zone_whatever_is_stored(tmp_path: Path) -> None:
+    former = former_members(load(written(tmp_path)).zones[0].network)
+    named = {"estimator": "bank", "estimator_options": {"members": {"near": {"estimator": "ekf"}}}}
+    learned(load(written(tmp_path, estimator="bank", estimator_options={"members": former})), 0)
+    assert list(load(written(tmp_path, **named)).zones[0].options.members) == ["near"]
 
 
-def test_state_of_a_bank_or_of_another_network_leaves_the_default(tmp_path: Path) -> None:
-    learned(load(written(tmp_path)))
-    assert estimators(load(written(tmp_path))) == ["bank", "bank"]
-    other = tmp_path / "other"
-    other.mkdir()
-    learned(load(written(other, estimator="rbpf", network="titeth")))
-    assert estimators(load(written(other))) == ["bank", "bank"]
+def test_state_of_a_bank_or_of_another_estimator_leaves_the_default(tmp_path: Path) -> None:
+    learned(load(written(tmp_path)), 0)
+    learned(load(written(tmp_path, estimator="rbpf")), 1)
+    assert [list(zone.options.members) for zone in load(written(tmp_path)).zones] == 2 * [list(DEFAULT_MEMBERS)]
 
 
 @pytest.mark.parametrize("content", [b"", b"no database"])

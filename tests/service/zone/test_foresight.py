@@ -8,8 +8,8 @@ from support.zone_samples import comparable
 from adapters.reading import Quality
 from adapters.units import IDENTITY, conversion
 from adapters.weather.forecast import WeatherForecast, WeatherSeries
-from estimator.foresight import FADES
-from estimator.network.presets import network
+from estimator.foresight import FADES, foreseen, no_day, restored, with_inputs
+from estimator.network.presets import SOLAR_APERTURE, network
 from estimator.registry import build
 from service.records.outlook import InputOrigin, Weather, WeatherBook, WeatherLink
 from service.records.sample import Sample
@@ -19,6 +19,7 @@ PERIOD = 900
 DAY = 86400
 NET = network("building-67")
 START = 10 * DAY
+SUNNY = network("tite").with_solar("T_i", SOLAR_APERTURE).validate()
 
 
 def outdoors(time):
@@ -75,6 +76,30 @@ def test_the_shape_of_a_temperature_begins_with_the_last_value_and_goes_back():
     times, columns, _ = seen(zone, 40)
     assert np.allclose(columns["T_out"], [outdoors(time) - 3.0 * np.exp((times[0] - time) / FADES) for time in times])
     assert np.allclose(columns["I_sol"], [sun(time) for time in times])
+
+
+def test_what_is_usual_is_a_mean_of_days_and_the_sun_keeps_the_share_that_it_had_lately():
+    day = no_day(3, PERIOD)
+    for time in range(START, START + 4 * DAY + DAY // 2, PERIOD):
+        clouds = 0.2 if time < START + DAY else 0.5 if time >= START + 4 * DAY else 1.0
+        day = with_inputs(day, time, np.array([outdoors(time), 0.0, clouds * sun(time)]))
+    times = START + 4 * DAY + DAY // 2 + PERIOD * np.arange(DAY // PERIOD, dtype=float)
+    rows = foreseen(SUNNY, day, np.array([outdoors(times[0] - PERIOD), 0.0, 150.0]), times).rows
+    clear = np.array([sun(time) for time in times])
+    usual = np.where(times < START + 5 * DAY, (0.2 + 3 * 1.0) / 4, (0.2 + 3 * 1.0) / 4 * 0.8 + 0.5 * 0.2) * clear
+    assert np.allclose(rows[:, 0], [outdoors(time) for time in times])
+    assert 0.55 < rows[0, 2] / usual[0] < 0.85
+    assert rows[-24, 2] == pytest.approx(usual[-24], rel=0.08)
+
+
+def test_a_day_that_was_stored_by_itself_is_the_usual_one():
+    day = no_day(1, PERIOD)
+    for time in range(START, START + DAY, PERIOD):
+        day = with_inputs(day, time, np.array([outdoors(time)]))
+    again = restored({name: value for name, value in day._asdict().items() if name in ("times", "inputs", "before")})
+    assert all((one == other).all() for one, other in zip(again[:2] + again[3:4], day[:2] + day[3:4], strict=True))
+    later = with_inputs(again, START + DAY, np.array([outdoors(START) + 2.0]))
+    assert later.inputs[0, 0] == pytest.approx(outdoors(START) + 1.0)
 
 
 def test_a_fan_uses_it_and_a_plan_goes_before_it():
