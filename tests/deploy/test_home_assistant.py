@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+import yaml
 from support.harness import ROOT, THERMOGATE, Daemon
 from support.home_assistant import HOME, clean
 from support.thermostat_house import recorded
@@ -98,3 +99,23 @@ def test_the_integration_in_home_assistant(tmp_path: Path) -> None:
     assert load(tmp_path / "whole.toml").zones[0].id == "attic"
     with pytest.raises(ConfigError, match=r"home-assistant_v2\.db' is not there"):
         load_history(tmp_path / "whole.toml", tmp_path / "history.toml")
+
+
+RULES = {
+    *("action-setup", "appropriate-polling", "brands", "common-modules", "config-flow", "config-flow-test-coverage"),
+    *("dependency-transparency", "docs-actions", "docs-high-level-description", "docs-installation-instructions"),
+    *("docs-removal-instructions", "entity-event-setup", "entity-unique-id", "has-entity-name", "runtime-data"),
+    *("test-before-configure", "test-before-setup", "unique-config-entry", "action-exceptions"),
+    *("config-entry-unloading", "docs-configuration-parameters", "docs-installation-parameters", "entity-unavailable"),
+    *("integration-owner", "log-when-unavailable", "parallel-updates", "reauthentication-flow", "test-coverage"),
+}
+"""Bronze and silver of Home Assistant's quality scale."""
+
+
+def test_every_rule_of_bronze_and_silver_is_met_or_has_a_reason():
+    path = ROOT / "deploy/home-assistant/custom_components/thermogate/quality_scale.yaml"
+    rules = yaml.safe_load(path.read_text(encoding="utf-8"))["rules"]
+    assert rules.keys() == RULES
+    left = {name: rule for name, rule in rules.items() if rule != "done"}
+    assert left.keys() == {"brands", "dependency-transparency", "integration-owner", "runtime-data", "test-coverage"}
+    assert all(rule["status"] in ("todo", "exempt") and rule["comment"].endswith(".") for rule in left.values())
