@@ -1,31 +1,47 @@
-"""Zones that have learned with the former members of a default bank go on with these."""
+"""Zones that have learned with what their tables once meant go on with it: members of a bank, sun and habits."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from adapters.fields.problems import Problems
 from estimator import registry
 from estimator.bank.options import former_members
+from estimator.network.network import Network
 from service.config.fitting import fingerprint
+from service.config.known_heat import heated
 from service.config.site import DEFAULT_ESTIMATOR, ZoneConfig
 from service.store.reading import stored_fingerprints
 
 
 def resumed(zones: tuple[ZoneConfig, ...], state_dir: Path) -> tuple[ZoneConfig, ...]:
-    """`zones`, those that name no members with the ones that their state in `state_dir` was written with."""
-    former = {zone.id: _former(zone) for zone in zones if _names_no_members(zone)}
+    """`zones`, those that leave it open as they were when their state in `state_dir` was written."""
+    former = {zone.id: found for zone in zones if (found := _former(zone))}
     stored = stored_fingerprints(state_dir) if former else {}
-    return tuple(
-        former[zone.id] if zone.id in former and stored.get(zone.id) == fingerprint(former[zone.id]) else zone
-        for zone in zones
-    )
+    return tuple(_going_on(zone, former.get(zone.id, []), stored.get(zone.id)) for zone in zones)
 
 
-def _names_no_members(zone: ZoneConfig) -> bool:
-    return zone.estimator == DEFAULT_ESTIMATOR and "members" not in zone.estimator_options
+def _going_on(zone: ZoneConfig, former: Sequence[ZoneConfig], stored: str | None) -> ZoneConfig:
+    """The one of `zone` and what it was formerly to which the `stored` state belongs."""
+    if stored is None or fingerprint(zone) == stored:
+        return zone
+    return next((as_before for as_before in former if fingerprint(as_before) == stored), zone)
 
 
-def _former(zone: ZoneConfig) -> ZoneConfig:
-    given = {**zone.estimator_options, "members": former_members(zone.network)}
-    options = registry.resolve(DEFAULT_ESTIMATOR, zone.network, zone.period, given)
-    return zone.model_copy(update={"options": options})
+def _former(zone: ZoneConfig) -> list[ZoneConfig]:
+    """What the table of `zone` may have meant before, where that was something else."""
+    networks, given = [zone.network], zone.estimator_options
+    if zone.network.terms and zone.habits is None and zone.sun is None:
+        bare, nowhere = zone.network.without_terms(), zone.whereabouts._replace(location=None)
+        # Where the site had no location yet, the sun came by the hour. Members that are named may need terms.
+        networks += [heated(bare, zone, nowhere, (), Problems({})), *([] if "members" in given else [bare])]
+    found = [_with(zone, network, given) for network in networks[1:]]
+    if zone.estimator == DEFAULT_ESTIMATOR and "members" not in given:
+        found += [_with(zone, network, {**given, "members": former_members(network)}) for network in networks]
+    return found
+
+
+def _with(zone: ZoneConfig, network: Network, given: Mapping[str, object]) -> ZoneConfig:
+    options = registry.resolve(zone.estimator, network, zone.period, given)
+    return zone.model_copy(update={"network": network, "options": options})

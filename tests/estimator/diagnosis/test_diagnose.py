@@ -20,6 +20,7 @@ from estimator.diagnosis.members import carried, disagreement, variants
 from estimator.diagnosis.record import no_record, with_sample
 from estimator.network.presets import automatic, network
 from estimator.registry import build
+from estimator.thermostat.thermostat import no_thermostat
 
 KINDS = {"rbpf": {"particles": 500}, "ekf": {}, "ukf": {}, "mkf": {}, "arx": {}}
 
@@ -33,6 +34,11 @@ def run(estimator, data, steps):
     return state, seen, data.inputs[steps - 1]
 
 
+def diagnosed(estimator, state, seen, inputs, **options):
+    """Of a zone without a thermostat."""
+    return diagnose(estimator, state, seen, inputs, thermostat=no_thermostat(len(inputs)), **options)
+
+
 def names(diagnosis):
     return {(finding.finding, finding.subject) for finding in diagnosis.findings}
 
@@ -42,9 +48,9 @@ def test_a_well_known_building_brings_no_finding_and_nothing_is_changed(kind):
     estimator = build(kind, building(), PERIOD, KINDS[kind])
     state, seen, inputs = run(estimator, record(5 * 144, seed=4), 5 * 144)
     before = {name: np.array(value) for name, value in estimator.pack(state).items()}
-    found = diagnose(estimator, state, seen, inputs)
+    found = diagnosed(estimator, state, seen, inputs)
     assert names(found) <= {("parameter-not-identified", p.name) for p in building().parameters}
-    assert diagnose(estimator, state, seen, inputs) == found
+    assert diagnosed(estimator, state, seen, inputs) == found
     for name, value in estimator.pack(state).items():
         assert np.array_equal(before[name], value, equal_nan=True)
 
@@ -57,7 +63,7 @@ def test_the_first_heating_under_wide_bounds_is_implausible(name, remedy):
     inputs[:, 1] = 0.0
     inputs[-1, 1] = 3000.0
     state, seen, held = run(estimator, data._replace(inputs=inputs), 30)
-    (finding,) = diagnose(estimator, state, seen, held).findings
+    (finding,) = diagnosed(estimator, state, seen, held).findings
     assert (finding.finding, finding.subject) == (IMPLAUSIBLE, "zone")
     assert "no room" in finding.sentence
     assert remedy in finding.sentence
@@ -67,7 +73,7 @@ def test_a_box_that_excludes_the_building_is_found_at_its_bound():
     narrow = building().with_parameter("g_e_out", lower=20.0, upper=60.0, nominal=None)
     estimator = build("ekf", narrow, PERIOD, {"preset": "default"})
     state, seen, inputs = run(estimator, record(6 * 144, seed=5), 6 * 144)
-    assert (AT_BOUND, "g_e_out") in names(diagnose(estimator, state, seen, inputs))
+    assert (AT_BOUND, "g_e_out") in names(diagnosed(estimator, state, seen, inputs))
 
 
 @pytest.mark.parametrize(("days", "narrow", "proposed"), [(6, False, False), (8, False, True), (8, True, False)])
@@ -77,15 +83,15 @@ def test_bounds_are_proposed_after_a_week_and_only_from_a_model_that_fits(days, 
         net = net.with_parameter("g_e_out", lower=20.0, upper=60.0, nominal=None)
     estimator = build("ekf", net, PERIOD, {})
     state, seen, inputs = run(estimator, record(days * 144, seed=5), days * 144)
-    found = diagnose(estimator, state, seen, inputs, proposes_bounds=True)
+    found = diagnosed(estimator, state, seen, inputs, proposes_bounds=True)
     assert ((NARROWER_BOUNDS, "zone") in names(found)) is proposed
-    assert NARROWER_BOUNDS not in {each.finding for each in diagnose(estimator, state, seen, inputs).findings}
+    assert NARROWER_BOUNDS not in {each.finding for each in diagnosed(estimator, state, seen, inputs).findings}
 
 
 def test_before_the_third_day_nothing_is_said_about_parameters():
     estimator = build("ekf", network("titethria"), PERIOD, {})
     state, seen, inputs = run(estimator, record(2 * 144, seed=5), 2 * 144)
-    assert names(diagnose(estimator, state, seen, inputs)) <= {(IMPLAUSIBLE, "zone")}
+    assert names(diagnosed(estimator, state, seen, inputs)) <= {(IMPLAUSIBLE, "zone")}
 
 
 MEMBERS = {
