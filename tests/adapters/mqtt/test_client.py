@@ -21,6 +21,7 @@ async def test_a_connection_that_nobody_waits_for_any_more_is_closed(waited: flo
             raise AssertionError("a broker that says nothing is none")
 
     with socket.create_server(("127.0.0.1", 0)) as mute:
+        mute.settimeout(PATIENCE / 10)
         task = asyncio.create_task(enter(mute.getsockname()[1]))
         await asyncio.sleep(waited)
         if not waited:
