@@ -82,8 +82,8 @@ arm64: $(VENV)/.ready  ## every dependency of the image as a pinned wheel for 64
 	  --require-hashes --requirement requirements.lock --report var/arm64.json
 	@$(BIN)/python -c 'import json; print(len(json.load(open("var/arm64.json"))["install"]), "packages have a wheel for aarch64")'
 
-bench: $(VENV)/.ready  ## every target of speed and memory measured, into var/bench/bench.json and docs/performance.md; a quarter of an hour, on an idle machine
-	$(BIN)/python -m replay.lab.measuring.bench --out var/bench/bench.json --page docs/performance.md $(BENCH)
+bench: $(VENV)/.ready  ## every target of speed and memory measured, into docs/performance.md; a quarter of an hour, on an idle machine
+	$(BIN)/python tests/bench/run.py --page docs/performance.md
 
 KILLS ?= 500
 
@@ -94,7 +94,7 @@ fleet-kill-loop: $(VENV)/.fleet  ## a fleet of 2,000 rooms whose machines are ki
 	$(BIN)/python tests/integration/fleet_kill_loop.py --out var/fleet-kill-loop.json $(FLEET_KILLS)
 
 load-fleet: $(VENV)/.ready  ## 1,000 zones whose samples land at once, on the real daemon: the part of `make bench` alone
-	$(BIN)/python -m replay.lab.measuring.bench --only fleet --out var/fleet.json
+	$(BIN)/python tests/bench/run.py --only fleet
 
 lock: var/release/tools  ## requirements.lock anew from constraints.txt: what `thermogate[all]` needs, with the hash of every file
 	var/release/tools/bin/uv pip compile --quiet --python-platform linux --python-version 3.11 --generate-hashes --no-header --no-annotate \
@@ -111,10 +111,10 @@ audit:  ## every pinned dependency against the database of known vulnerabilities
 	$(PYTHON) .ci/audit constraints.txt
 
 overload: $(VENV)/.ready  ## ten times the configured rate of readings for 10 minutes, and samples ten times faster than they are taken
-	$(BIN)/python -m replay.lab.measuring.overload
+	$(BIN)/python tests/integration/soak.py overload --out var/overload.json
 
 soak: $(VENV)/.ready  ## 96 simulated hours of the real daemon with restless clients and faults: memory, descriptors, disk; SOAK='--hours 720' changes it
-	$(BIN)/python -m replay.lab.measuring.soak $(SOAK)
+	$(BIN)/python tests/integration/soak.py soak --out var/soak.json $(SOAK)
 
 attack: $(VENV)/.ready  ## every known attack on a live daemon, and a table of what each cost; seven minutes
 	$(BIN)/python tests/attack/run.py

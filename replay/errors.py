@@ -15,10 +15,6 @@ class WeatherFileError(ReplayError):
     """A weather file that cannot be read or is not on the grid it has to be on."""
 
 
-class MeasurementError(ReplayError):
-    """A measurement that cannot be made, or a measured process that does not do what it should."""
-
-
 @contextmanager
 def writing(out: Path) -> Iterator[None]:
     """Make the folder `out` for what the block writes there; ReplayError where that cannot be written."""

@@ -1,4 +1,4 @@
-"""The laboratory: the paper's experiments, and what measures this project. For a checkout; no wheel carries it."""
+"""The laboratory: the paper's experiments. For a checkout; no wheel carries it."""
 
 from pathlib import Path
 

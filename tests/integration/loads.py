@@ -11,12 +11,10 @@ from __future__ import annotations
 
 import asyncio
 import json
-import multiprocessing
-import resource
+import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -35,6 +33,8 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from support.broker import broker
 from support.modbus_plant import channel
 from support.modbus_plant import source as modbus_source
+from support.observed import resident_bytes
+from support.processes import beside
 from support.sources import bound, source_table
 
 SETTLING = 3.0
@@ -100,22 +100,7 @@ class Meter:
 
 
 def _resident_memory() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 1e6
-
-
-@contextmanager
-def beside(serve: Callable[..., None], *arguments: object) -> Iterator[Connection]:
-    """`serve` with `arguments` and a pipe in a process of its own; the other end of the pipe."""
-    context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe()
-    process = context.Process(target=serve, args=(*arguments, there), daemon=True)
-    process.start()
-    try:
-        yield here
-    finally:
-        process.terminate()
-        process.join()
+    return resident_bytes(os.getpid()) / 1e6
 
 
 def received(pipe: Connection) -> Any:

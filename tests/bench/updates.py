@@ -7,12 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
+from bench.rows import Row, Sizes, growth, spread, text, timed
 
 from estimator import registry
 from estimator.arrays import Array
 from estimator.network.presets import building_67
 from estimator.types import Estimator
-from replay.lab.measuring.bench.rows import Row, Sizes, growth, spread, text, timed
 from replay.simulated import semi_synthetic
 from replay.simulated.semi_synthetic import PERIOD
 

@@ -1,1 +1,0 @@
-"""Measuring from outside: speed, memory, load, soak, overload."""
