@@ -270,13 +270,12 @@ def _arrays(answer: httpx.Response) -> str:
 
 async def _announcement(zone: Zone, zones: Mapping[str, Zone]) -> Announcement:
     """What `zone` tells when everything about it is news."""
-    update = zone.latest()
     heat_loss = zone.worker.heat_loss(ALPHA_LEVELS)
     heard = Announced()
     await LookingAhead(SITE, zones, [heard]).attend(zone.id)
     ahead = next((one.reports.ahead for one in heard.told if one.zone == zone.id), None)
-    reports = Reports(await zone.ask(SkillQuestion()), heat_loss, zone.trust(), ahead)
-    return Announcement(SITE, zone.id, zone.status(), update, Occasion.UPDATE, reports)
+    reports = Reports(await zone.ask(SkillQuestion()), heat_loss, zone.now().trust, ahead)
+    return Announcement(SITE, zone.id, zone.now(), Occasion.UPDATE, reports)
 
 
 def _topics(announced: Mapping[str, Announcement]) -> str:

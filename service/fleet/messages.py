@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from service.publish.sinks import NO_REPORTS, Occasion, Reports
-from service.records.status import ZoneStatus
-from service.records.trust import Trust
-from service.records.update import Update
+from service.publish.sinks import Announcement
 
 
 class Beat(NamedTuple):
@@ -31,22 +28,12 @@ class Beat(NamedTuple):
     """Whether a client of a gateway has asked for a reload."""
 
 
-class ZoneNews(NamedTuple):
-    """The newest that a zone has announced, and how it is doing."""
-
-    zone: str
-    status: ZoneStatus
-    trust: Trust
-    update: Update | None
-    occasion: Occasion
-    reports: Reports = NO_REPORTS
-
-
 class News(NamedTuple):
     """What is new in a shard since `version` of before, or all there is for a gateway that knows another `boot`."""
 
     boot: str
     version: int
-    zones: Sequence[ZoneNews]
+    zones: Sequence[Announcement]
+    """The newest of each."""
     refused: Mapping[str, str]
     """Zones that the shard cannot run, and why."""

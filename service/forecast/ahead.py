@@ -91,16 +91,16 @@ class LookingAhead:
         """Look ahead for the zone `name` if it is time to; also tell once that it no longer vouches for its forecast.
         ServiceError where that cannot be."""
         view, told = self._zones.get(name), self._told.get(name)
-        update = None if view is None else view.latest()
-        if view is None or update is None:
+        state = None if view is None else view.now()
+        if view is None or state is None or state.update is None:
             self._told.pop(name, None)
             return
-        if view.status().state in ("stalled", "failed"):
+        if state.status.state in ("stalled", "failed"):
             if told is not None and told.quality is not Quality.BAD:
                 # A client that comes later must not take it for good.
                 await self._announce(view, replace(told, quality=Quality.BAD))
             return
-        if told is None or told.quality is Quality.BAD or not 0 <= update.time - told.sample_time < EVERY:
+        if told is None or told.quality is Quality.BAD or not 0 <= state.update.time - told.sample_time < EVERY:
             await self._look(view)
 
     async def _look(self, view: ZoneView) -> None:
@@ -116,17 +116,16 @@ class LookingAhead:
                 _log.debug("zone '%s' does not look ahead now: %s", one.id, fan)
             elif fan is not None:
                 heating = await self._heating(one, steps)
-                await self._announce(one, AheadPayload.of(fan, one.status(), one.surroundings.limits, heating))
+                await self._announce(one, AheadPayload.of(fan, one.now().status, one.surroundings.limits, heating))
         await asyncio.sleep((time.monotonic() - began) * (1.0 / SHARE - 1.0))
 
     async def _heating(self, view: ZoneView, steps: int) -> NextHeatingPayload | None:
         found = await view.ask(NextRise(steps))
-        if found is None or refusal(view.trust(), found.by - found.issue_time) is not None:
+        if found is None or refusal(view.now().trust, found.by - found.issue_time) is not None:
             return None
         return NextHeatingPayload(found.target, found.by, found.probability, found.start, found.reached)
 
     async def _announce(self, view: ZoneView, ahead: AheadPayload) -> None:
         self._told[view.id] = ahead
-        reports = Reports(ahead=ahead)
-        announcement = Announcement(self._site, view.id, view.status(), view.latest(), Occasion.STATUS, reports)
+        announcement = Announcement(self._site, view.id, view.now(), Occasion.STATUS, Reports(ahead=ahead))
         await asyncio.to_thread(tell, self._sinks, announcement)

@@ -80,7 +80,7 @@ def steps_of(request: ForecastRequest, view: ZoneView) -> int:
 
 def levels_of(request: ForecastRequest, view: ZoneView) -> Sequence[float]:
     """The levels of the intervals of a zone: those asked for, or those that it publishes."""
-    update = view.latest()
+    update = view.now().update
     return request.levels if request.levels or update is None else published_levels(update)
 
 
@@ -157,7 +157,7 @@ def mistakes(request: ForecastRequest) -> list[Mistake]:
         found += [Mistake(number, zone, None, "is not a zone of this request") for zone in unknown]
         nowhere = set(plan.inputs.get(EVERY_ZONE, ()))
         for view in views:
-            network, update = view.network, view.latest()
+            network, update = view.network, view.now().update
             inputs = plannable(view)
             nowhere -= set(inputs)
             start = 0 if update is None else update.forecast.valid_time

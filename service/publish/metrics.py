@@ -24,7 +24,7 @@ from estimator.types import ALPHA_LEVELS
 from service.publish.payloads import clock
 from service.publish.sinks import NO_REPORTS, Announcement, Occasion, Reports, Sink
 from service.records.measures import Measure, family
-from service.records.status import STATES
+from service.records.status import STATES, ZoneState
 from service.records.trust import LEVELS as TRUST_LEVELS
 from service.records.update import Update
 from service.records.view import ZoneView
@@ -121,9 +121,9 @@ class Metrics(Sink):
         self._failures.labels(zone).inc()
 
 
-def _of_forecasts(zone: ZoneView, reports: Reports) -> Iterator[_Figure]:
-    if (update := zone.latest()) is not None:
-        yield from _of_update(update)
+def _of_forecasts(zone: ZoneState, reports: Reports) -> Iterator[_Figure]:
+    if zone.update is not None:
+        yield from _of_update(zone.update)
     for output in reports.ahead.outputs if reports.ahead is not None else ():
         for ahead in output.horizons:
             labels = output.output, format_duration(ahead.lead)
@@ -170,8 +170,8 @@ def _quantiles(name: str, values: Sequence[float]) -> Iterator[_Figure]:
         yield name, value, f"{level:g}"
 
 
-def _of_status(zone: ZoneView, reports: Reports) -> Iterator[_Figure]:
-    status = zone.status()
+def _of_status(zone: ZoneState, reports: Reports) -> Iterator[_Figure]:
+    status = zone.status
     named = [finding.finding for finding in status.diagnosis.findings]
     for kind, count in status.faults.items():
         yield "faults", count, kind
@@ -182,7 +182,7 @@ def _of_status(zone: ZoneView, reports: Reports) -> Iterator[_Figure]:
         yield "forecast_delay_seconds", status.delay
     for name in FINDINGS:
         yield "findings", named.count(name), name
-    for one in zone.trust().horizons:
+    for one in zone.trust.horizons:
         for level in TRUST_LEVELS:
             yield "trust", float(one.level == level), format_duration(one.lead), level
     for name in STATES:
@@ -209,7 +209,7 @@ class _OfZones(Collector):
     def __init__(
         self,
         described: Mapping[str, Sequence[str]],
-        read: Callable[[ZoneView, Reports], Iterable[_Figure]],
+        read: Callable[[ZoneState, Reports], Iterable[_Figure]],
         zones: Mapping[str, ZoneView],
         reports: Mapping[str, Reports],
     ) -> None:
@@ -218,7 +218,7 @@ class _OfZones(Collector):
     def collect(self) -> Iterable[Metric]:
         families = self._families()
         for name, zone in tuple(self._zones.items()):
-            for metric, value, *labels in self._read(zone, self._reports.get(name, NO_REPORTS)):
+            for metric, value, *labels in self._read(zone.now(), self._reports.get(name, NO_REPORTS)):
                 families[metric].add_metric((name, *labels), value)
         return families.values()
 

@@ -23,9 +23,8 @@ from service.publish.payloads import (
 from service.records.measures import Measure
 from service.records.record import document
 from service.records.skill import Skill
-from service.records.status import ZoneStatus
+from service.records.status import ZoneState
 from service.records.trust import Trust
-from service.records.update import Update
 
 TOPICS = ("forecast", "ahead", "volatility", "gate", "gain", "skill", "trust", "status")
 """What a zone can tell, each as a JSON document of its own."""
@@ -65,20 +64,22 @@ class Announcement:
         self,
         site: str,
         zone: str,
-        status: ZoneStatus,
-        update: Update | None,
+        state: ZoneState,
         occasion: Occasion = Occasion.UPDATE,
         reports: Reports = NO_REPORTS,
     ) -> None:
-        """`update` is the newest one of the zone; without any there is a status alone to tell."""
-        self.zone = zone
-        self.status = status
-        self.update = update
-        self.occasion = Occasion.STATUS if update is None else occasion
+        """Before the first update of the zone there is a status alone to tell."""
+        self.zone, self.state = zone, state
+        self.status, self.update = state.status, state.update
+        self.occasion = Occasion.STATUS if state.update is None else occasion
         judged = reports.trust is not None and bool(reports.trust.horizons)
         self.reports = reports if judged else reports._replace(trust=None)
         self._site = site
         self._rendered: dict[str, bytes] = {}
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Without what was rendered."""
+        return Announcement, (self._site, self.zone, self.state, self.occasion, self.reports)
 
     @property
     def topics(self) -> tuple[str, ...]:

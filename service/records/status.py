@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from estimator.diagnosis.finding import Diagnosis
+from service.records.trust import Trust, untrusted
+from service.records.update import Update
 
 STATES = ("waiting", "running", "stalled", "failed")
 """Every state of a zone: no sample yet; fed and fresh; telemetry missing or late; failed and to be retried."""
@@ -36,6 +38,23 @@ class ZoneStatus(NamedTuple):
     """How long after its sample the newest forecast was published, s; None before the first since the start."""
     diagnosis: Diagnosis = Diagnosis()
     """What the zone's model does not know, as of the newest diagnosis."""
+
+
+class ZoneState(NamedTuple):
+    """A zone as routes, sinks, metrics and the page read it, all at one moment."""
+
+    status: ZoneStatus
+    update: Update | None
+    """The newest; None before the first sample."""
+    trust: Trust
+    """How far its forecasts can be relied on."""
+
+    @classmethod
+    def of(cls, status: ZoneStatus, update: Update | None, trust: Trust) -> ZoneState:
+        """The same with `trust` by its worker, which does not know of what keeps a zone from vouching for anything."""
+        if status.state in ("stalled", "failed"):
+            trust = untrusted(trust, f"the zone is {status.state}: {status.reason}")
+        return cls(status, update, trust)
 
 
 class Busy(NamedTuple):

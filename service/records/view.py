@@ -9,9 +9,7 @@ from estimator.network.network import Network
 from service.records.history import HistoryRow
 from service.records.outlook import Surroundings, Weather
 from service.records.series import Series
-from service.records.status import ZoneStatus
-from service.records.trust import Trust
-from service.records.update import Update
+from service.records.status import ZoneState
 
 Answer = TypeVar("Answer")
 Answered = TypeVar("Answered", covariant=True)
@@ -37,18 +35,12 @@ class ZoneView(Protocol):
     surroundings: Surroundings
     """Limits of what may be planned, neighbours and forecasts of the weather."""
 
-    def status(self) -> ZoneStatus:
-        """How the zone is doing now; cheap, and safe from any thread."""
-
-    def latest(self) -> Update | None:
-        """The newest update; None before the first sample."""
+    def now(self) -> ZoneState:
+        """What is known of the zone now; cheap, and safe from any thread."""
 
     async def ask(self, question: Question[Answer]) -> Answer:
         """The answer to `question`, from the state after the newest update. It is computed in turn with the questions
         of other clients, and given up when the client of this task has gone."""
-
-    def trust(self) -> Trust:
-        """How far the zone's forecasts can be relied on now; cheap."""
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """The newest `limit` rows with `start` <= time < `end` (UTC seconds; None: open), oldest first."""

@@ -51,7 +51,7 @@ async def asked(zone: ZoneView, question: Question[Answer | None]) -> Answer:
 
 def newest(zone: ZoneView) -> Update:
     """The newest update of `zone`; RequestRefused before the first."""
-    update = zone.latest()
+    update = zone.now().update
     if update is None:
         raise no_forecast(zone)
     return update
@@ -59,7 +59,7 @@ def newest(zone: ZoneView) -> Update:
 
 def no_forecast(zone: ZoneView) -> RequestRefused:
     """The refusal of a zone that has no forecast now."""
-    status = zone.status()
+    status = zone.now().status
     sentence = f"zone '{zone.id}' has no forecast now ({status.state}): {status.reason or 'no sample yet'}"
     retry = max(1, min(RETRY_SECONDS, math.ceil(zone.period)))
     return RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], retry_after=retry)

@@ -50,7 +50,7 @@ def operation_routes(site: Site, metrics_registry: CollectorRegistry) -> APIRout
         summary="Every zone is fed and fresh, and how old what each knows is",
     )
     def readyz() -> Response:
-        every = [(zone, zone.status()) for zone in site.zones.values()]
+        every = [(zone, zone.now().status) for zone in site.zones.values()]
         behind = [(zone, status) for zone, status in every if status.state != "running"]
         if behind:
             # Those that failed come first, then those that are stalled.

@@ -56,8 +56,9 @@ async def _missed(site: str, view: ZoneView, after: datetime | None) -> list[Eve
 
 async def _events(site: Site, view: ZoneView, missed: list[Event]) -> AsyncIterator[bytes]:
     with site.streams.opened(view.id) as opened:
-        reports = Reports(trust=view.trust(), ahead=site.streams.ahead.get(view.id))
-        current = Announcement(site.id, view.id, view.status(), view.latest(), reports=reports)
+        state = view.now()
+        reports = Reports(trust=state.trust, ahead=site.streams.ahead.get(view.id))
+        current = Announcement(site.id, view.id, state, reports=reports)
         opened.put([*missed, *events_of(current)])
         async for data in opened.read():
             yield data

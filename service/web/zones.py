@@ -158,7 +158,7 @@ async def history(site: Here, view: Asked, query: Annotated[HistoryQuery, Query(
 
 
 def _current(site: Site, view: ZoneView, payload: ForecastPayload) -> Response:
-    return answer(vouched(payload, view.status(), view.surroundings.limits), site.id, view.id)
+    return answer(vouched(payload, view.now().status, view.surroundings.limits), site.id, view.id)
 
 
 def _page(names: Sequence[str], query: ZonesQuery) -> Sequence[str]:
@@ -185,20 +185,20 @@ async def _fan(view: ZoneView, request: ForecastRequest) -> Fan:
 
 
 def _summary(zone: ZoneView) -> ZoneSummary:
-    status, network = zone.status(), zone.network
+    status, network = zone.now().status, zone.network
     doing = (status.state, status.reason, status.samples, status.last_sample_time)
     about = (network.name, zone.estimator, zone.period, tuple(network.measured))
     return ZoneSummary(zone.id, *about, *doing)
 
 
 def _description(site: str, zone: ZoneView) -> ZonePayload:
-    network = zone.network
+    network, state = zone.network, zone.now()
     channels = [
         ChannelPayload(channel, network.channel_unit(channel), "output" if channel in network.measured else "input")
         for channel in network.channels
     ]
     priors = [PriorPayload(p.name, p.unit, p.free, p.lower, p.upper, p.nominal) for p in network.parameters]
-    status = enclosed(StatusPayload.of(zone.status(), zone.latest()), site, zone.id)
+    status = enclosed(StatusPayload.of(state.status, state.update), site, zone.id)
     about = (network.name, network.description, zone.estimator, zone.period)
     return ZonePayload(*about, tuple(channels), tuple(priors), status)
 
@@ -206,7 +206,7 @@ def _description(site: str, zone: ZoneView) -> ZonePayload:
 def _parameters(
     zone: ZoneView, levels: Sequence[float], summary: ParameterSummary, laws: tuple[LearnedLaw, ...]
 ) -> ParametersPayload:
-    network, diagnosis = zone.network, zone.status().diagnosis
+    network, diagnosis = zone.network, zone.now().status.diagnosis
     own = zip(network.parameters, summary.parameters, strict=True)
     known = zip(network.terms, summary.coefficients, strict=False)
     collapsed = iter(summary.collapsed.tolist())

@@ -24,8 +24,7 @@ from service.records.history import HistoryRow
 from service.records.outlook import NO_SURROUNDINGS, Surroundings, Weather
 from service.records.sample import Sample
 from service.records.series import Series, Stretch
-from service.records.status import Busy, ZoneStatus
-from service.records.trust import Trust, untrusted
+from service.records.status import Busy, ZoneState, ZoneStatus
 from service.records.update import Update
 from service.records.view import Question
 from service.store.series import bucket_of
@@ -92,8 +91,11 @@ class Zone:
         self._ended = False
         """Whether the last sample of the last source has been assimilated."""
 
-    def status(self) -> ZoneStatus:
-        """How the zone is doing."""
+    def now(self) -> ZoneState:
+        """What is known of the zone now."""
+        return ZoneState.of(self._status(), self.worker.latest, self.worker.trust)
+
+    def _status(self) -> ZoneStatus:
         # Copied in one go: the event loop may change them while a worker thread asks.
         progress, intake = self.worker.progress, self.intake
         alignment, trouble, clocks = intake.alignment, tuple(intake.trouble.values()), tuple(intake.clocks.values())
@@ -129,24 +131,9 @@ class Zone:
         """What waits, and what was finished."""
         return Busy(self.intake.mailbox.waiting + (self._at is not None), self._finished)
 
-    def latest(self) -> Update | None:
-        """The newest update."""
-        return self.worker.latest
-
     async def ask(self, question: Question[Answer]) -> Answer:
         """The answer to a question, found on a thread for questions so that no zone waits for it."""
         return await self._plumbing.asking.ask(partial(question, self.worker, self._weather))
-
-    def trust(self) -> Trust:
-        """How far the zone's forecasts can be relied on now."""
-        return self._trust_in(self.status())
-
-    def _trust_in(self, status: ZoneStatus) -> Trust:
-        """The trust of the zone that is in `status`."""
-        known = self.worker.trust
-        if status.state in ("stalled", "failed"):
-            return untrusted(known, f"the zone is {status.state}: {status.reason}")
-        return known
 
     @property
     def _weather(self) -> Weather:
@@ -283,7 +270,7 @@ class Zone:
 
     async def _end(self) -> None:
         self._ended = True
-        if faults := self.status().faults:
+        if faults := self._status().faults:
             counts = ", ".join(f"{count} {fault}" for fault, count in faults.items())
             _log.warning("zone '%s': readings refused: %s", self.id, counts)
         await self._announce_status()
@@ -324,13 +311,12 @@ class Zone:
         if update is not None and occasion is not Occasion.STATUS and update.time // _HOUR != self._skilled:
             self._skilled, skill = update.time // _HOUR, self.worker.skill()
             heat_loss = self.worker.heat_loss(ALPHA_LEVELS)
-        status = self.status()
-        trust = self._trust_in(status)
-        levels = tuple(one.level for one in trust.horizons)
-        news = trust if skill is not None or levels != self._trusted else None
+        state = self.now()
+        levels = tuple(one.level for one in state.trust.horizons)
+        news = state.trust if skill is not None or levels != self._trusted else None
         self._trusted = levels
         reports = Reports(skill, heat_loss, news)
-        tell(self._plumbing.sinks, Announcement(self._plumbing.site, self.id, status, update, occasion, reports))
+        tell(self._plumbing.sinks, Announcement(self._plumbing.site, self.id, state, occasion, reports))
 
     def _fail(self, error: Exception, pause: float) -> None:
         self._finished += 1

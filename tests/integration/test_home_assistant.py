@@ -135,8 +135,8 @@ def test_every_value_is_as_published(home: tuple[HomeAssistant, int, Path]) -> N
     heard = Announced()
     asyncio.run(LookingAhead("home", {"living": zone}, [heard]).attend("living"))
     ahead = heard.told[0].reports.ahead
-    reports = Reports(skill, trust=zone.trust(), ahead=ahead)
-    publisher.publish(Announcement("home", "living", zone.status(), update, Occasion.UPDATE, reports))
+    reports = Reports(skill, trust=zone.now().trust, ahead=ahead)
+    publisher.publish(Announcement("home", "living", zone.now()._replace(update=update), Occasion.UPDATE, reports))
     house.until(lambda: float(house.state(FORECAST)))
     house.until(lambda: float(house.state("sensor.thermogate_living_skill_1h_ahead")))
     house.until(lambda: float(house.state("sensor.thermogate_living_learning_gate")))
@@ -182,7 +182,7 @@ def test_every_value_is_as_published(home: tuple[HomeAssistant, int, Path]) -> N
         assert generated(series["data_generator"], drawn) == points
     stalled = running("living")
     stalled.state, stalled.reason = "stalled", "no measurement of T_i for 13 steps of 300 s"
-    publisher.publish(Announcement("home", "living", stalled.status(), update, Occasion.STATUS))
+    publisher.publish(Announcement("home", "living", stalled.now()._replace(update=update), Occasion.STATUS))
     house.until(lambda: house.state(FORECAST) == "unavailable")
     assert house.state(f"{FORECAST}_6h_ahead") == "unavailable"
     assert house.state("binary_sensor.thermogate_living_problem") == "on"

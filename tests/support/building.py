@@ -72,7 +72,7 @@ class Building:
                 after = (zone.updates[-1].time - zone.updates[0].time) // 300 + 1
                 first = (zone.updates[0].time - make_update(0).time) // 300
                 zone.updates = [*zone.updates[-KEPT + 1 :], make_update(first + after, zone.network)]
-            news = announced(name, zone.latest(), zone.status(), site=self.site)
+            news = announced(name, zone.now().update, zone.now().status, site=self.site)
             for sink in (self._streams, self._ahead.news):
                 sink.publish(news)
 

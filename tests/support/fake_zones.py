@@ -30,7 +30,7 @@ from service.records.outlook import InputOrigin, Surroundings
 from service.records.sample import Sample
 from service.records.series import COLUMNS, Series
 from service.records.skill import HorizonSkill, IssuedSkill, Skill, SkillWindow
-from service.records.status import ZoneStatus
+from service.records.status import ZoneState, ZoneStatus
 from service.records.trust import HorizonTrust, Trust
 from service.records.update import Forecast, Gate, InputUsed, Interval, OutputForecast, Score, Update, Volatility
 from service.store.series import bucket_of, reduced
@@ -138,13 +138,6 @@ class FakeZone:
     origins: tuple[InputOrigin, ...] = ()
     heating: Preheat | None = None
 
-    def trust(self) -> Trust:
-        if not self.updates:
-            return Trust()
-        return self.trusted or Trust(
-            START, (HorizonTrust(PERIOD, "trusted", "", START), HorizonTrust(86400, "learning", "wait", START))
-        )
-
     async def ask(self, question: Any) -> Any:
         """The answer to a question, as if a worker had computed it."""
         if isinstance(question, ModelQuestion):
@@ -170,7 +163,7 @@ class FakeZone:
         grid = Grid(0, self.period, question.steps)
         plan = {channel: column(values, grid).tolist() for channel, values in question.planned.items()}
         self.asked.append(("fan", question.steps, question.levels, plan))
-        update = self.latest()
+        update = self.now().update
         if update is None or self.state == "stalled":
             return None
         ahead, origins = np.arange(question.steps + 1), self.origins
@@ -197,7 +190,13 @@ class FakeZone:
             raise NoModel("it knows no physics")
         return None
 
-    def status(self) -> ZoneStatus:
+    def now(self) -> ZoneState:
+        known = self.trusted or Trust(
+            START, (HorizonTrust(PERIOD, "trusted", "", START), HorizonTrust(86400, "learning", "wait", START))
+        )
+        return ZoneState(self._status(), self.updates[-1] if self.updates else None, known if self.updates else Trust())
+
+    def _status(self) -> ZoneStatus:
         last = self.updates[-1].time if self.updates else None
         now = None if last is None else last + PERIOD + 60.0
         seen = dict.fromkeys(self.network.channels, last + 120.0) if last is not None else {}
@@ -213,9 +212,6 @@ class FakeZone:
             self.network.channels,
             diagnosis=self.diagnosis,
         )
-
-    def latest(self) -> Update | None:
-        return self.updates[-1] if self.updates else None
 
     def _parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
         if not self.updates:
@@ -301,7 +297,7 @@ def announced(
     zone: str, update: Update | None, status: ZoneStatus, occasion: Occasion = Occasion.UPDATE, site: str = "htwg"
 ) -> Announcement:
     """What a zone tells its sinks."""
-    return Announcement(site, zone, status, update, occasion)
+    return Announcement(site, zone, ZoneState(status, update, Trust()), occasion)
 
 
 def series_of(zone: FakeZone, start: int, end: int, points: int) -> Series:

@@ -167,9 +167,9 @@ async def _recorded(zone: Zone) -> None:
     """Wait until the newest update of `zone` is announced and in its history."""
     async with asyncio.timeout(180):
         while zone.busy.waiting or zone.busy.finished == 0:
-            assert zone.status().state != "failed", zone.status().reason
+            assert zone.now().status.state != "failed", zone.now().status.reason
             await asyncio.sleep(0.01)
-        while (update := zone.latest()) is not None:
+        while (update := zone.now().update) is not None:
             rows = await zone.history(None, None, 1)
             if rows and rows[0].time == update.time:
                 return

@@ -87,7 +87,7 @@ async def finished(zone, running):
 
 async def caught_up(zone, items):
     async with asyncio.timeout(180):
-        while zone.status().last_sample_time != items[-1].time or zone.status().state != "running":
+        while zone.now().status.last_sample_time != items[-1].time or zone.now().status.state != "running":
             await asyncio.sleep(0.005)
 
 

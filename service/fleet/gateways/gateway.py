@@ -26,7 +26,6 @@ from service.fleet.member import Member
 from service.fleet.messages import News
 from service.fleet.peers import Peer
 from service.fleet.plan import Plan
-from service.publish.sinks import Announcement
 from service.publish.zenoh import KIND as ZENOH_KIND
 
 RELOAD_SECONDS = 30.0
@@ -157,8 +156,7 @@ class Gateway(Member):
                 zone = self._zones.get(one.zone)
                 if zone is None or zone.shard is not view:
                     continue
-                zone.news = one
-                announcement = Announcement(self.site, one.zone, one.status, one.update, one.occasion, one.reports)
+                zone.told = one.state
                 if self._serving is not None:
                     for sink in self._serving.sinks:
-                        sink.publish(announcement)
+                        sink.publish(one)

@@ -9,15 +9,14 @@ from typing import Any, TypeVar
 
 from service.config.site import ZoneConfig
 from service.errors import ServiceError
-from service.fleet.messages import News, ZoneNews
+from service.fleet.messages import News
 from service.fleet.peers import Peer
 from service.records.asker import current_asker
 from service.records.history import HistoryRow
 from service.records.outlook import Surroundings
 from service.records.series import Series
-from service.records.status import ZoneStatus
-from service.records.trust import Trust, untrusted
-from service.records.update import Update
+from service.records.status import ZoneState, ZoneStatus
+from service.records.trust import Trust
 from service.records.view import Question
 
 Answer = TypeVar("Answer")
@@ -67,30 +66,22 @@ class RemoteZone:
         self.estimator = table.estimator
         self.surroundings = around
         self.shard = shard
-        self.news: ZoneNews | None = None if before is None or before.network != table.network else before.news
-        """The newest of the zone."""
+        self.told: ZoneState | None = None if before is None or before.network != table.network else before.told
+        """What its shard last said of it."""
 
-    def status(self) -> ZoneStatus:
-        """How the zone was doing when its shard last said so."""
-        if (refused := self.shard.refused.get(self.id)) is not None:
-            return self._unknown("failed", refused)
-        silence = self.shard.silence()
-        if self.news is None:
-            return self._unknown("waiting", silence or "it is being restored")
-        status = self.news.status
-        return status if silence is None else status._replace(state="stalled", reason=silence)
-
-    def latest(self) -> Update | None:
-        """The newest update."""
-        return None if self.news is None else self.news.update
-
-    def trust(self) -> Trust:
-        """How far its forecasts can be relied on."""
-        status = self.status()
-        known = Trust() if self.news is None else self.news.trust
-        if status.state in ("stalled", "failed"):
-            return untrusted(known, f"the zone is {status.state}: {status.reason}")
-        return known
+    def now(self) -> ZoneState:
+        """What its shard last said of it, as far as that is to be believed."""
+        refused, silence = self.shard.refused.get(self.id), self.shard.silence()
+        if self.told is not None and refused is None and silence is None:
+            return self.told
+        state, update, trust = self.told or ZoneState(self._unknown(), None, Trust())
+        if refused is not None:
+            state = self._unknown()._replace(state="failed", reason=refused)
+        elif self.told is None:
+            state = state._replace(reason=silence or "it is being restored")
+        else:
+            state = state._replace(state="stalled", reason=silence or "")
+        return ZoneState.of(state, update, trust)
 
     async def ask(self, question: Question[Answer]) -> Answer:
         """The answer to a question, computed by the shard."""
@@ -119,5 +110,5 @@ class RemoteZone:
         finally:
             asked.cancel()
 
-    def _unknown(self, state: str, reason: str) -> ZoneStatus:
-        return ZoneStatus(state, reason, None, 0, 0, {}, {}, channels=self.network.channels)
+    def _unknown(self) -> ZoneStatus:
+        return ZoneStatus("waiting", "", None, 0, 0, {}, {}, channels=self.network.channels)

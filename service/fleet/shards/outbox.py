@@ -8,7 +8,7 @@ import threading
 from collections.abc import Mapping
 from contextlib import suppress
 
-from service.fleet.messages import News, ZoneNews
+from service.fleet.messages import News
 from service.publish.sinks import Announcement, Occasion, Sink
 from service.zone.zone import Zone
 
@@ -25,13 +25,13 @@ LOOK = 1.0
 class Outbox(Sink):
     """The newest of every zone. A gateway that is slow misses what was overtaken, and nothing waits for it."""
 
-    def __init__(self) -> None:
-        self._boot = secrets.token_hex(8)
+    def __init__(self, site: str) -> None:
+        self._site, self._boot = site, secrets.token_hex(8)
         self.zones: Mapping[str, Zone] = {}
         self._loop = asyncio.get_running_loop()
         self._lock = threading.Lock()
         self._version = 0
-        self._newest: dict[str, tuple[int, ZoneNews]] = {}
+        self._newest: dict[str, tuple[int, Announcement]] = {}
         """In the order of their versions."""
         self._arrived = asyncio.Event()
         self.refused: dict[str, str] = {}
@@ -43,18 +43,8 @@ class Outbox(Sink):
 
     def publish(self, announcement: Announcement) -> None:
         """Keep what a zone has to tell, and with it what its last word had that this one leaves out."""
-        zone = self.zones.get(announcement.zone)
-        if zone is None:
-            return
-        news = ZoneNews(
-            announcement.zone,
-            announcement.status,
-            zone.trust(),
-            announcement.update,
-            announcement.occasion,
-            announcement.reports,
-        )
-        self._keep(news)
+        if announcement.zone in self.zones:
+            self._keep(announcement)
 
     async def news(self, boot: str, since: int) -> News:
         """What is newer than `since`, as soon as there is any, or nothing after PATIENCE."""
@@ -77,17 +67,17 @@ class Outbox(Sink):
         """Notice, for ever, what changes without an announcement."""
         while True:
             await asyncio.sleep(LOOK)
-            for zone in tuple(self.zones.values()):
-                status, told = zone.status(), self._newest.get(zone.id)
-                if told is None or told[1].status._replace(now=None) != status._replace(now=None):
-                    self._keep(ZoneNews(zone.id, status, zone.trust(), zone.latest(), Occasion.STATUS))
+            for name, zone in self.zones.items():
+                state, told = zone.now(), self._newest.get(name)
+                if told is None or told[1].status._replace(now=None) != state.status._replace(now=None):
+                    self._keep(Announcement(self._site, name, state, Occasion.STATUS))
 
-    def _keep(self, news: ZoneNews) -> None:
+    def _keep(self, news: Announcement) -> None:
         with self._lock:
             self._version += 1
             _, before = self._newest.pop(news.zone, (0, news))
             occasion = before.occasion if news.occasion is Occasion.STATUS else news.occasion
-            reports = news.reports.beside(before.reports)
-            self._newest[news.zone] = self._version, news._replace(occasion=occasion, reports=reports)
+            whole = Announcement(self._site, news.zone, news.state, occasion, news.reports.beside(before.reports))
+            self._newest[news.zone] = self._version, whole
         with suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._arrived.set)

@@ -119,7 +119,7 @@ class _Work:
 
     def __init__(self, config: Config, leased: Leased, opened: Sequence[Sink], crashes: Crashes) -> None:
         self.leased = leased
-        self.outbox = Outbox()
+        self.outbox = Outbox(config.site.id)
         threads = max(1, round(fleet_of(config).shard_cpus))
         sinks = [LeasedSink(sink, leased) for sink in (*opened, self.outbox)]
         self.site = RunningSite(config, leased.store, sinks, threads, stepping=crashes.stepping)

@@ -34,13 +34,14 @@ def model_npz(model: ModelPayload, site: str, zone: str) -> bytes:
 
 def zone_forecast(zone: ZoneView, fan: Fan | ServiceError | None, horizon: float) -> ZoneForecastPayload:
     """The forecast of one zone under one plan, or why there is none."""
-    trust = zone.trust().at(horizon + zone.period)
+    state = zone.now()
+    trust = state.trust.at(horizon + zone.period)
     if not isinstance(fan, Fan):
         nothing = (None, None, None, zone.period, Quality.BAD, trust, (), (), ())
         return ZoneForecastPayload(zone.id, _reason(zone, fan), *nothing)
     update, forecast = fan.update, fan.update.forecast
     means = ((output.output, value) for output in fan.outputs for value in output.mean.tolist())
-    found = quality(update) if credible(zone.status(), means, zone.surroundings.limits) else Quality.BAD
+    found = quality(update) if credible(state.status, means, zone.surroundings.limits) else Quality.BAD
     times = (update.time, forecast.issue_time, forecast.valid_time)
     return ZoneForecastPayload(zone.id, None, *times, zone.period, found, trust, fan.origins, fan.levels, fan.outputs)
 

@@ -202,7 +202,7 @@ def _check(view: ZoneView, steps: int, given: PlannedInput, place: str, *, limit
 
 async def _answer(view: ZoneView, lead: float, question: Question[Answer | None]) -> Answer:
     """The answer to a question over `lead` s; RequestRefused where there is none to rely on."""
-    if (why := refusal(view.trust(), lead)) is not None:
+    if (why := refusal(view.now().trust, lead)) is not None:
         raise RequestRefused(HTTPStatus.CONFLICT, [f"zone '{view.id}' {why}"])
     try:
         return await asked(view, question)

@@ -77,7 +77,7 @@ async def model(
     summary="How far a controller may rely on the zone's forecasts, horizon by horizon",
 )
 async def trust(site: Here, view: Asked) -> Response:
-    found = view.trust()
+    found = view.now().trust
     if not found.horizons:
         raise no_forecast(view)
     return answer(found, site.id, view.id)

@@ -133,7 +133,7 @@ def overview_routes(site: Site) -> APIRouter:
 
     async def _spark(zone: ZoneView) -> Spark | None:
         """The last day of a zone, read once there is another point of it."""
-        last, known = zone.status().last_sample_time, sparks.get(zone.id)
+        last, known = zone.now().status.last_sample_time, sparks.get(zone.id)
         step = _seconds(AHEAD_STEP, zone.period)
         if last is None or (known is not None and known.sample_time // step == last // step):
             return known
@@ -149,8 +149,8 @@ def overview_routes(site: Site) -> APIRouter:
 
 def overview_row(zone: ZoneView, ahead: AheadPayload | None, spark: Spark | None) -> OverviewRow:
     """`zone` at a glance, with as much of the hours ahead and of its last day as is known."""
-    status, update = zone.status(), zone.latest()
-    trust = zone.trust().at(_seconds(LEADS[-1], zone.period))
+    status, update, trusted = zone.now()
+    trust = trusted.at(_seconds(LEADS[-1], zone.period))
     expected: tuple[ExpectedPayload, ...] = ()
     if ahead is not None and update is not None and status.state not in _SILENT and ahead.quality is not Quality.BAD:
         expected = tuple(_expected(ahead, update.forecast.valid_time, zone.period))
@@ -165,7 +165,7 @@ def overview_row(zone: ZoneView, ahead: AheadPayload | None, spark: Spark | None
         expected=expected,
         expected_from=update.forecast.valid_time if update is not None and expected else None,
         trust=None if trust is None else trust.level,
-        trust_reason="" if trust is None else trust.reason or zone.trust().beaten,
+        trust_reason="" if trust is None else trust.reason or trusted.beaten,
         findings=tuple(FindingName(one.finding, one.subject) for one in status.diagnosis.findings),
         spark=None if spark is None else spark.line,
     )

@@ -37,7 +37,7 @@ router = APIRouter(prefix="/zones", tags=["zones"])
     summary="How the room does, what it is like, and what to do, in sentences",
 )
 async def room(site: Here, view: Asked, query: Annotated[RoomQuery, Query()]) -> Response:
-    last = view.status().last_sample_time
+    last = view.now().status.last_sample_time
     end = 0 if last is None else math.ceil(last + view.period)
     series = await view.series(end - query.days * _DAY, end, query.days * _POINTS + 1)
     question = RoomQuestion(Past.of(series), view.surroundings.floor_area, site.backend.time_zone)

@@ -85,5 +85,5 @@ def _numbers(values: Array) -> tuple[float, ...]:
 
 def _end(zone: ZoneView) -> int:
     """When the newest sample ends, UTC s; without any, the beginning of 1970, of which there is no history."""
-    last = zone.status().last_sample_time
+    last = zone.now().status.last_sample_time
     return 0 if last is None else math.ceil(last + zone.period)

@@ -36,7 +36,7 @@ def test_horizons_and_fan_are_those_of_the_forecast_without_a_plan():
     asyncio.run(ahead.attend("nowhere"))
     (one,) = sink.told
     assert (one.occasion, one.topics) == (Occasion.STATUS, ("ahead", "status"))
-    update = zone.latest()
+    update = zone.now().update
     (published,) = update.forecast.outputs
     (found,) = told(sink)
     assert (found["level"], found["step_s"], found["quality"], found["heating"]) == (0.95, 1800.0, "good", None)
@@ -74,7 +74,7 @@ def test_a_zone_that_no_longer_vouches_for_it_says_so_once_and_comes_back():
 
 def test_the_next_heating_is_told_unless_the_forecast_is_not_trusted():
     zone = running("living")
-    issue = float(zone.latest().forecast.issue_time)
+    issue = float(zone.now().update.forecast.issue_time)
     some = Range(20.6, 20.1, 21.2)
     zone.heating = Preheat(
         issue, "trusted", 21.0, issue + 7200.0, 0.5, 0.9, issue + 3600.0, 60.0, 0.93, some, Range(2.0, 1.0, 3.0), 17.0
@@ -94,7 +94,7 @@ def test_the_next_heating_is_told_unless_the_forecast_is_not_trusted():
 def test_periods_of_any_length_have_the_horizons_that_fit(period, leads):
     zone = running("living")
     zone.period = float(period)
-    update = zone.latest()
+    update = zone.now().update
     ended = update.time + period
     zone.updates[-1] = update._replace(forecast=update.forecast._replace(issue_time=ended, valid_time=ended))
     ahead, sink = looking(zone)
@@ -108,7 +108,7 @@ async def test_it_goes_on_where_one_zone_fails():
         def __init__(self, error):
             self.id, self.network, self.error = type(error).__name__, presets.network("tite"), error
 
-        def latest(self):
+        def now(self):
             raise self.error
 
     zone = running("living")

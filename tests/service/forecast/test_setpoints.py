@@ -1,6 +1,7 @@
 """Forecasts of a zone with a thermostat: plans of set-points, of heat, and none."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -126,8 +127,8 @@ class View:
     def __init__(self, **limits):
         self.surroundings = Surroundings(limits=limits)
 
-    def latest(self):
-        return None
+    def now(self):
+        return SimpleNamespace(update=None)
 
 
 def found(view, **planned):

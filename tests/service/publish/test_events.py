@@ -76,7 +76,7 @@ class Site:
         update = make_update(step, self.zone.network)
         self.zone.updates.append(update)
         # As the zones do, from another thread.
-        announcement = announced("living", update, self.zone.status(), site=SITE)
+        announcement = announced("living", update, self.zone.now().status, site=SITE)
         announcing = threading.Thread(target=self.streams.publish, args=(announcement,))
         announcing.start()
         announcing.join()
@@ -126,7 +126,7 @@ async def test_a_zone_without_a_sample_tells_its_state():
         client = await server.connect()
         ((kind, id, data),) = await client.events(1)
         assert (kind, id, data["state"]) == ("status", None, "waiting")
-        changed = server.zone.status()._replace(reason="another one")
+        changed = server.zone.now().status._replace(reason="another one")
         server.streams.publish(announced("living", None, changed, site=SITE))
         assert (await client.events(2))[1][2]["reason"] == "another one"
 

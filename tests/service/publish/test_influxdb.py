@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from line_protocol_parser import parse_line
 from support import influx
-from support.fake_zones import make_update, running
+from support.fake_zones import announced, make_update, running
 from support.processes import free_port
 from support.waiting import wait_until
 
@@ -25,8 +25,8 @@ from service.publish.sinks import Announcement, Occasion, Reports
 
 def everything(step: int = 2) -> Announcement:
     zone = running("living")
-    reports = Reports(zone.skill(), trust=zone.trust())
-    return Announcement("htwg", "living", zone.status(), make_update(step), Occasion.UPDATE, reports)
+    reports = Reports(zone.skill(), trust=zone.now().trust)
+    return Announcement("htwg", "living", zone.now()._replace(update=make_update(step)), Occasion.UPDATE, reports)
 
 
 def opened(**keys: Any) -> Writer:
@@ -109,8 +109,8 @@ def test_a_file_is_added_to_and_may_be_moved_away(sink: Writer, tmp_path: Path) 
 
 
 def test_a_forecast_that_nobody_vouches_for_any_more_is_written_again_as_bad(sink: Writer, tmp_path: Path) -> None:
-    failed = running("living").status()._replace(state="failed")
-    sink.publish(Announcement("htwg", "living", failed, make_update(2), Occasion.STATUS))
+    failed = running("living").now().status._replace(state="failed")
+    sink.publish(announced("living", make_update(2), failed, Occasion.STATUS))
     wait_until(lambda: (tmp_path / "lines").exists() and 'quality="bad"' in (tmp_path / "lines").read_text())
 
 

@@ -44,7 +44,7 @@ def test_status_is_read_at_scrape_time() -> None:
 
 def test_zones_are_not_asked_before_the_first_scrape() -> None:
     class Unready(FakeZone):
-        def status(self) -> None:
+        def now(self) -> None:
             raise AssertionError("asked while being registered")
 
     Metrics({"living": Unready("living")})
@@ -86,7 +86,7 @@ def test_checkpoints_failures_and_the_process_are_counted() -> None:
 
 
 def test_what_was_computed_of_a_zone_that_is_removed_meanwhile_shows_nothing_of_it() -> None:
-    metrics, news = Metrics({}), announced("living", make_update(0), running("living").status())
+    metrics, news = Metrics({}), announced("living", make_update(0), running("living").now().status)
     for _ in range(2):
         metrics.add("living")
         metrics.publish(news)

@@ -40,8 +40,8 @@ def publisher(port: int, prefix: str | None = None) -> Publisher:
 def everything(name: str = "living", step: int = 2) -> Announcement:
     """An announcement with all there is to tell but a gain, which its estimator does not know."""
     zone = running(name)
-    skill, trust = zone.skill(), zone.trust()
-    return Announcement("htwg", name, zone.status(), make_update(step), Occasion.UPDATE, Reports(skill, trust=trust))
+    state = zone.now()._replace(update=make_update(step))
+    return Announcement("htwg", name, state, Occasion.UPDATE, Reports(zone.skill(), trust=state.trust))
 
 
 def test_who_comes_late_has_everything_at_once(site: Mosquitto) -> None:
@@ -142,7 +142,7 @@ def test_a_forecast_that_nobody_vouches_for_is_told_bad_once(site: Mosquitto) ->
         wait_until(lambda: len(watching.came) == 1)
         zone.state, zone.reason = "stalled", "no measurement of T_i"
         for _ in range(3):
-            publishing.publish(announced("living", make_update(2), zone.status(), Occasion.STATUS))
+            publishing.publish(announced("living", make_update(2), zone.now().status, Occasion.STATUS))
             wait_until(lambda: len(watching.came) == 2)
         publishing.publish(everything(step=3))
         wait_until(lambda: len(watching.came) == 3)
@@ -152,7 +152,7 @@ def test_a_forecast_that_nobody_vouches_for_is_told_bad_once(site: Mosquitto) ->
 
 def test_a_zone_without_an_update_tells_its_status(site: Mosquitto) -> None:
     publishing = publisher(site.port, "homeassistant")
-    publishing.publish(announced("living", None, waiting("living").status()))
+    publishing.publish(announced("living", None, waiting("living").now().status))
     with Party(site.port, "thermogate/#", "homeassistant/#") as watching:
         wait_until(lambda: f"{LIVING}status" in watching.newest())
 

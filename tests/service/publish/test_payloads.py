@@ -73,6 +73,6 @@ def test_quality_is_the_worst_of_inputs_and_outcome(update: Update, expected: Qu
 
 def test_status_without_a_clock_counts_on_the_wall_clock() -> None:
     zone = running("living")
-    payload = StatusPayload.of(zone.status()._replace(now=None), None)
+    payload = StatusPayload.of(zone.now().status._replace(now=None), None)
     assert payload.age_s == pytest.approx(datetime.now(UTC).timestamp() - zone.updates[-1].time, abs=60)
     assert payload.outcome is None

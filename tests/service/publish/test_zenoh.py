@@ -74,7 +74,7 @@ def test_an_update_arrives_on_four_keys_as_json(publisher: Publisher, session: z
     subscriber = session.declare_subscriber("thermogate/htwg/**", zenoh.handlers.RingChannel(100))
     assert publisher.await_subscriber(180)
     zone, update = running("living"), make_update(2)
-    publisher.publish(announced("living", update, zone.status()))
+    publisher.publish(announced("living", update, zone.now().status))
     samples = receive(subscriber, 4)
     subscriber.undeclare()
     found = {str(sample.key_expr).rsplit("/", 1)[1]: sample for sample in samples}
@@ -99,7 +99,7 @@ def test_awaiting_a_subscriber_takes_every_zone(publisher: Publisher, session: z
 
 
 def test_a_late_joiner_asks_for_the_last_values(publisher: Publisher, session: zenoh.Session) -> None:
-    status = running("living").status()
+    status = running("living").now().status
     publisher.publish(announced("bedroom", None, status._replace(state="waiting", reason="cold")))
     assert len(settled(session, "thermogate/htwg/**", 1)) == 1
     assert ask(session, "thermogate/htwg/living/forecast") == {}, "nothing before the first"
@@ -150,7 +150,7 @@ def test_a_listener_with_users_asks_for_a_password_and_never_tells_it(address: s
     (tmp_path / "users").write_text("reader:hush\n", encoding="utf-8")
     config = ZenohConfig.model_validate({"listen": [address], "users_file": "users"}, context={"folder": tmp_path})
     publisher = opened(config, ["living"])
-    publisher.publish(announced("living", make_update(0), running("living").status()))
+    publisher.publish(announced("living", make_update(0), running("living").now().status))
     user = "transport/auth/usrpwd"
 
     def reading(password: str) -> dict[str, bytes]:
@@ -215,14 +215,14 @@ def test_it_listens_nowhere_else(configured: bool, address: str) -> None:
 def test_nothing_happens_after_close(publisher: Publisher) -> None:
     publisher.close()
     publisher.close()
-    publisher.publish(announced("living", make_update(0), running("living").status()))
+    publisher.publish(announced("living", make_update(0), running("living").now().status))
     assert not publisher.await_subscriber(1.0)
 
 
 def test_a_failed_session_is_reported(publisher: Publisher) -> None:
     publisher._session.close()
     with pytest.raises(ServiceError, match="thermogate/htwg/living/forecast cannot be published"):
-        publisher.publish(announced("living", make_update(0), running("living").status()))
+        publisher.publish(announced("living", make_update(0), running("living").now().status))
 
 
 def test_a_close_that_hangs_is_left_behind(
@@ -248,7 +248,7 @@ def test_the_interpreter_ends_even_if_close_is_forgotten(close: bool, address: s
         "from support.fake_zones import announced, make_update, running\n"
         "from support.publishing import opened, settings\n"
         f"publisher = opened(settings(listen=({address!r},)), ['living'])\n"
-        "publisher.publish(announced('living', make_update(0), running('living').status()))\n"
+        "publisher.publish(announced('living', make_update(0), running('living').now().status))\n"
         f"{'publisher.close()' if close else ''}\n"
     )
     root = Path(__file__).parents[3]
@@ -260,10 +260,10 @@ def test_a_forecast_that_nobody_vouches_for_is_put_again_as_bad(publisher: Publi
     waiting = session.declare_subscriber("thermogate/htwg/bedroom/forecast", zenoh.handlers.RingChannel(100))
     assert publisher.await_subscriber(180)
     zone, update = running("living"), make_update(2)
-    publisher.publish(announced("living", update, zone.status()))
+    publisher.publish(announced("living", update, zone.now().status))
     zone.state, zone.reason = "stalled", "T_out is 1500 s old"
     for _ in range(3):
-        publisher.publish(announced("living", update, zone.status(), Occasion.STATUS))
+        publisher.publish(announced("living", update, zone.now().status, Occasion.STATUS))
     found = [json.loads(sample.payload.to_bytes()) for sample in receive(subscriber, 2)]
     assert [one["quality"] for one in found] == ["good", "bad"]
     assert found[0] | {"quality": "bad"} == found[1]
@@ -271,7 +271,7 @@ def test_a_forecast_that_nobody_vouches_for_is_put_again_as_bad(publisher: Publi
     assert json.loads(last)["quality"] == "bad"
     # The next sample makes it good again.
     zone.state = "running"
-    publisher.publish(announced("living", make_update(3), zone.status()))
+    publisher.publish(announced("living", make_update(3), zone.now().status))
     (again,) = receive(subscriber, 1)
     # Which comes next: as bad it was put once, not three times.
     assert json.loads(again.payload.to_bytes())["quality"] == "good"
@@ -280,7 +280,7 @@ def test_a_forecast_that_nobody_vouches_for_is_put_again_as_bad(publisher: Publi
 
 
 def test_zones_come_and_go(publisher: Publisher, session: zenoh.Session) -> None:
-    status, update = running("attic").status(), make_update(2)
+    status, update = running("attic").now().status, make_update(2)
     publisher.publish(announced("attic", update, status))
     assert ask(session, "thermogate/htwg/attic/*") == {}, "it is not published yet"
     publisher.add("attic")

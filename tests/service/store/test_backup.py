@@ -42,7 +42,7 @@ def fill(state: Path, items: list, in_the_middle: Callable[[], object] = lambda:
                 zone = make(shared)
                 running = await fed(zone, part)
                 if part[-1] is items[-1]:
-                    while zone.status().last_sample_time != part[-1].time:
+                    while zone.now().status.last_sample_time != part[-1].time:
                         await asyncio.sleep(0.005)
                     await asyncio.to_thread(in_the_middle)
                 await finished(zone, running)

@@ -71,7 +71,7 @@ def start(folder: Path, caplog: pytest.LogCaptureFixture) -> Outcome:
         async with plumbing(folder) as shared:
             zone = make(shared)
             await zone.prepare()
-            status, latest = zone.status(), zone.latest()
+            status, latest = zone.now().status, zone.now().update
             if status.state == "failed":
                 return None, status.reason
             try:

@@ -29,7 +29,7 @@ def zones() -> dict[str, FakeZone]:
 @pytest.fixture
 def app(zones: dict[str, FakeZone]) -> FastAPI:
     metrics = Metrics(zones)
-    metrics.publish(announced("living", make_update(0), running("living").status()))
+    metrics.publish(announced("living", make_update(0), running("living").now().status))
     return create_app("htwg", zones, metrics.registry, backend=Backend(version="1.2.3"))
 
 

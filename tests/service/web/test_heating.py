@@ -124,6 +124,7 @@ def test_a_zone_that_is_not_trusted_refuses(
 ) -> None:
     app, zones = site
     told = Trust(0, (HorizonTrust(86400, "untrusted", "its forecasts were worse than persistence", 0),))
-    monkeypatch.setattr(zones["house"], "trust", lambda: told)
+    known = zones["house"].now()
+    monkeypatch.setattr(zones["house"], "now", lambda: known._replace(trust=told))
     detail = problem(get(app, "/zones/house/preheat?target=21&by=06:30"), 409)["detail"]
     assert detail == "zone 'house' is not trusted 1d ahead: its forecasts were worse than persistence"

@@ -86,7 +86,7 @@ async def test_the_stream_brings_expectations_and_sparkline_and_then_what_change
         assert len(spark.values) <= 48
         assert spark.values[-1] == pytest.approx(zones["living"].updates[-1].y[0], abs=0.3)
         zones["living"].state = "failed"
-        streams.publish(announced("living", zones["living"].latest(), zones["living"].status()))
+        streams.publish(announced("living", zones["living"].now().update, zones["living"].now().status))
         (living,) = (await read_rows(client)).zones
         assert (living.state, living.expected) == ("failed", []), "nobody vouches for it any more"
         del zones["living"]

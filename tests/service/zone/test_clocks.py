@@ -102,8 +102,8 @@ async def test_a_clock_set_forward_or_a_machine_that_slept_leaves_a_gap_and_litt
         times = rows(tmp_path)
         assert len(times) - before <= 4 + 3, "not an empty sample for every interval of the jump"
         assert times == sorted(times)
-        assert life.zone.status().state == "running"
-        assert life.zone.status().segment == 2
+        assert life.zone.now().status.state == "running"
+        assert life.zone.now().status.segment == 2
 
 
 async def test_a_clock_that_is_a_little_behind_is_waited_for(tmp_path):
@@ -111,11 +111,11 @@ async def test_a_clock_that_is_a_little_behind_is_waited_for(tmp_path):
         await life.live(3 * PERIOD)
         await life.set(-200.0)
         await life.live(2 * PERIOD)
-        assert life.zone.status().faults["out_of_order"] > 0
-        assert life.zone.status().state == "running"
+        assert life.zone.now().status.faults["out_of_order"] > 0
+        assert life.zone.now().status.state == "running"
         assert rows(tmp_path) == on_grid(NOON, len(rows(tmp_path))), "none twice, none set aside"
         assert not rows(tmp_path, "zone != 'z'")
-        assert life.zone.status().segment == 1
+        assert life.zone.now().status.segment == 1
 
 
 async def test_a_clock_set_back_by_an_hour_sets_that_hour_aside_and_goes_on(tmp_path, caplog):
@@ -131,20 +131,20 @@ async def test_a_clock_set_back_by_an_hour_sets_that_hour_aside_and_goes_on(tmp_
             assert rows(tmp_path)[: len(kept)] == kept
             assert rows(tmp_path)[-1] < NOON + HOUR
             assert rows(tmp_path, "zone LIKE 'z@%'")[-len(ahead) :] == ahead, "nothing is deleted"
-            assert (life.zone.status().state, announcer.states[-1]) == ("stalled", "stalled")
-            assert "set back" in life.zone.status().reason
+            assert (life.zone.now().status.state, announcer.states[-1]) == ("stalled", "stalled")
+            assert "set back" in life.zone.now().status.reason
             await life.live(HOUR)
             times = rows(tmp_path)
             assert times == sorted(set(times))
             assert times[-1] > NOON + 1.9 * HOUR
-            assert life.zone.status().state == "running"
-            assert life.zone.status().segment == 2
+            assert life.zone.now().status.state == "running"
+            assert life.zone.now().status.segment == 2
             history = await life.zone.history(None, None, 1000)
             assert [row.time for row in history] == sorted({row.time for row in history})
             assert history[-1].time == times[-1]
-            last = comparable(life.zone.latest())
+            last = comparable(life.zone.now().update)
         async with living(tmp_path, life.wall) as again:
-            assert comparable(again.zone.latest()) == last, "a restart goes on from there"
+            assert comparable(again.zone.now().update) == last, "a restart goes on from there"
     assert "samples that lie ahead of it were set aside" in caplog.text
 
 
@@ -158,7 +158,7 @@ async def test_a_clock_that_is_set_to_and_fro_changes_nothing(tmp_path):
             await life.live(2.0, readings=False, step=1.0)
         assert not rows(tmp_path, "zone != 'z'")
         await life.live(2 * PERIOD)
-        assert life.zone.status().state == "running"
+        assert life.zone.now().status.state == "running"
 
 
 @pytest.mark.parametrize("wrong", [0.0, 946_684_800.0])
@@ -171,13 +171,13 @@ async def test_a_clock_that_was_never_set_is_not_believed_until_it_is(tmp_path, 
         await life.live(HOUR)
         assert rows(tmp_path) == stored
         assert not rows(tmp_path, "zone != 'z'")
-        status = life.zone.status()
+        status = life.zone.now().status
         assert status.state == "stalled"
         assert "was never set" in status.reason
         assert status.faults["bad_timestamp"] > 0
         await life.set(NOON + 2 * HOUR - wall.now, settle=False)
         await life.live(2 * PERIOD)
-        assert life.zone.status().state == "running"
+        assert life.zone.now().status.state == "running"
         assert rows(tmp_path)[: len(stored)] == stored
 
 
@@ -189,11 +189,11 @@ async def test_samples_of_a_clock_that_was_ahead_by_years_are_set_aside_at_the_n
     sane = [time for time in rows(tmp_path) if time < NOON + DAY]
     wall = Wall(NOON + 2 * HOUR)
     async with living(tmp_path, wall) as life:
-        assert life.zone.status().state == "stalled"
+        assert life.zone.now().status.state == "stalled"
         await life.live(SETTLING + 2.0, readings=False, step=1.0)
         assert rows(tmp_path) == sane
         await life.live(2 * PERIOD)
-        assert life.zone.status().state == "running"
+        assert life.zone.now().status.state == "running"
 
 
 async def test_more_than_a_week_ahead_means_that_the_clock_is_wrong(tmp_path, caplog, monkeypatch):
@@ -204,10 +204,10 @@ async def test_more_than_a_week_ahead_means_that_the_clock_is_wrong(tmp_path, ca
         stored = rows(tmp_path)
         await life.set(-HOUR)
         assert rows(tmp_path) == stored
-        assert "set the clock, or give the zone's state up with --reset" in life.zone.status().reason
+        assert "set the clock, or give the zone's state up with --reset" in life.zone.now().status.reason
         await life.set(HOUR, settle=False)
         await life.live(2 * PERIOD)
-        assert life.zone.status().state == "running"
+        assert life.zone.now().status.state == "running"
     assert "too many to set aside" in caplog.text
 
 
@@ -233,12 +233,12 @@ def test_what_fails_half_way_is_done_again_with_the_same_result(tmp_path, monkey
                 life.wall.now = NOON + HOUR - PERIOD / 2 if attempt else life.wall.now - HOUR - PERIOD / 2
                 await life.live(SETTLING + 2.0, readings=False, step=1.0)
                 async with asyncio.timeout(180):
-                    while life.zone.status().state == "failed":
+                    while life.zone.now().status.state == "failed":
                         await asyncio.sleep(0.005)
                 await life.settled()
             life.wall.now = NOON + HOUR + 60.0
             await life.live(3 * PERIOD)
-            assert life.zone.status().state == "running"
-            return comparable(life.zone.latest()), rows(folder)
+            assert life.zone.now().status.state == "running"
+            return comparable(life.zone.now().update), rows(folder)
 
     assert asyncio.run(scenario(tmp_path / "failing", 1)) == asyncio.run(scenario(tmp_path / "well", 0))

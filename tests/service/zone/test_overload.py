@@ -62,7 +62,7 @@ async def test_live_samples_never_wait_for_the_estimator_and_none_is_lost(tmp_pa
         assert await shared.store.run(shared.store.journal.last_sample_time, "z") == items[-1].time, (
             "each was journaled"
         )
-        assert zone.status().samples == 0
+        assert zone.now().status.samples == 0
         allowed.set()
         await caught_up(zone, items)
         more = [sample(k) for k in range(120, 125)]
@@ -83,7 +83,7 @@ async def test_live_samples_that_come_while_the_journal_is_read_are_not_lost(tmp
         await caught_up(zone, items)
         await finished(zone, running)
         assert [row.time for row in await zone.history(None, None, 1000)] == [item.time for item in items]
-        assert comparable(zone.latest()) == straight(items)[-1]
+        assert comparable(zone.now().update) == straight(items)[-1]
 
 
 async def test_a_recording_waits_for_the_estimator(tmp_path):
@@ -105,7 +105,7 @@ async def test_a_recording_waits_for_the_estimator(tmp_path):
         await accepting
         await caught_up(zone, items)
         await finished(zone, running)
-        assert comparable(zone.latest()) == straight(items)[-1]
+        assert comparable(zone.now().update) == straight(items)[-1]
 
 
 async def test_a_zone_that_is_left_behind_is_stalled_and_says_so_until_it_has_caught_up(tmp_path, caplog):
@@ -121,17 +121,17 @@ async def test_a_zone_that_is_left_behind_is_stalled_and_says_so_until_it_has_ca
             allowed.clear()
             await zone.intake.accept(items[1:])
             await asyncio.sleep(0.2)
-            assert zone.status().state == "stalled"
-            assert "behind its telemetry, of which a sample comes every 0.05 s" in zone.status().reason
+            assert zone.now().status.state == "stalled"
+            assert "behind its telemetry, of which a sample comes every 0.05 s" in zone.now().status.reason
             allowed.set()
             await caught_up(zone, items)
             await finished(zone, running)
-            assert zone.status().overruns >= 7
-            assert zone.status().delay > 0.05
+            assert zone.now().status.overruns >= 7
+            assert zone.now().status.delay > 0.05
             # A late forecast is announced as one that the zone cannot vouch for.
             assert announcer.states[-2] == "stalled"
             exposed = Metrics({"z": zone}).registry
-            assert exposed.get_sample_value("thermogate_overruns_total", {"zone": "z"}) == zone.status().overruns
+            assert exposed.get_sample_value("thermogate_overruns_total", {"zone": "z"}) == zone.now().status.overruns
             assert exposed.get_sample_value("thermogate_forecast_delay_seconds", {"zone": "z"}) > 0.05
     assert caplog.text.count("a forecast came") == 1
 

@@ -46,7 +46,7 @@ async def test_each_channel_and_time_is_accepted_once(tmp_path: Path) -> None:
         assert await zone.intake.take("post", first) == Receipt(0, 2, 0, Counter())
         again = [reading(OUTPUT, 10.0, 99.0), reading(OUTPUT, 11.0), reading(OUTPUT, 11.0)]
         assert await zone.intake.take("post", again) == Receipt(1, 2, 0, Counter())
-        assert zone.status().faults == {}
+        assert zone.now().status.faults == {}
 
 
 @pytest.mark.parametrize("failing", [False, True])
@@ -107,7 +107,7 @@ async def test_what_is_refused_is_counted_by_its_fault(tmp_path: Path) -> None:
         receipt = await zone.intake.take("post", [*wrong, reading(INPUT, PERIOD + 2.0), reading(OUTPUT, 10.0)])
         refused = Counter({Fault.OUT_OF_ORDER: 1, Fault.OUT_OF_RANGE: 1})
         assert receipt == Receipt(1, 1, 0, refused), "what has closed with its interval is known, too"
-        assert zone.status().faults == {"out_of_order": 1, "out_of_range": 1}
+        assert zone.now().status.faults == {"out_of_order": 1, "out_of_range": 1}
 
 
 async def test_a_start_recalls_what_had_not_closed_and_nothing_else(tmp_path: Path) -> None:
@@ -130,7 +130,7 @@ async def test_a_start_recalls_what_had_not_closed_and_nothing_else(tmp_path: Pa
         assert (sample.time, sample.outputs[0], sample.inputs[0]) == (DAY + PERIOD, 21.25, 3.5)
         assert sample.input_quality[0] is Quality.UNCERTAIN
         assert all(isnan(value) for value in sample.inputs[1:])
-        assert zone.status().faults == {}
+        assert zone.now().status.faults == {}
 
 
 async def test_where_the_journal_fails_nothing_is_promised_and_the_next_try_is(

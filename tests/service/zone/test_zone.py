@@ -57,7 +57,7 @@ async def test_a_checkpoint_that_is_due_while_a_step_fails_does_not_skip_its_sam
         await caught_up(zone, items)
         await finished(zone, running)
         assert [row.time for row in await zone.history(None, None, 100)] == [item.time for item in items]
-        assert comparable(zone.latest()) == straight(items)[-1]
+        assert comparable(zone.now().update) == straight(items)[-1]
 
 
 async def test_a_sample_that_always_fails_is_passed_over_and_the_zone_goes_on(tmp_path, caplog):
@@ -74,7 +74,7 @@ async def test_a_sample_that_always_fails_is_passed_over_and_the_zone_goes_on(tm
             assert items[10].time not in [row.time for row in rows]
             assert rows[-1].time == items[-1].time
             # The same as if that interval had never come.
-            assert comparable(zone.latest()) == straight(items[:10] + items[11:])[-1]
+            assert comparable(zone.now().update) == straight(items[:10] + items[11:])[-1]
     assert f"passes over its sample at {10 * PERIOD}" in caplog.text
 
 
@@ -107,7 +107,7 @@ async def test_no_sample_is_to_blame_for_the_environment(tmp_path, caplog, error
         await finished(zone, running)
         rows = await zone.history(None, None, 100)
         assert [row.time for row in rows] == [item.time for item in items]
-        assert comparable(zone.latest()) == straight(items)[-1]
+        assert comparable(zone.now().update) == straight(items)[-1]
     assert "passes over" not in caplog.text
 
 
@@ -119,17 +119,17 @@ async def test_while_a_zone_is_failed_others_go_on_and_its_samples_are_kept(tmp_
         sick, well = make(shared, {items[0].time: 1}, "sick"), make(shared, None, "well")
         tasks = [await fed(sick, items[:1]), await fed(well, items[:1])]
         async with asyncio.timeout(180):
-            while sick.status().state != "failed":
+            while sick.now().status.state != "failed":
                 await asyncio.sleep(0.005)
             # More than its mailbox holds, and no one waits for it.
             await sick.intake.accept(items[1:])
             await well.intake.accept(items[1:])
-        assert sick.status().state == "failed"
-        assert "cannot step over 0" in sick.status().reason
+        assert sick.now().status.state == "failed"
+        assert "cannot step over 0" in sick.now().status.reason
         await caught_up(sick, items)
         for zone, task in zip((sick, well), tasks, strict=True):
             await finished(zone, task)
-        assert comparable(sick.latest()) == comparable(well.latest())
+        assert comparable(sick.now().update) == comparable(well.now().update)
 
 
 async def test_an_announcer_that_fails_does_not_stop_the_zone(tmp_path, caplog):
@@ -138,8 +138,8 @@ async def test_an_announcer_that_fails_does_not_stop_the_zone(tmp_path, caplog):
     async with plumbing(tmp_path, announcer) as shared:
         zone = make(shared)
         await finished(zone, await fed(zone, [sample(k) for k in range(5)]))
-        assert zone.status().samples == 5
-        assert zone.status().state == "running"
+        assert zone.now().status.samples == 5
+        assert zone.now().status.state == "running"
     assert "the session is gone" in caplog.text
 
 
@@ -156,34 +156,34 @@ async def test_a_journal_that_cannot_be_written_holds_the_sample_until_it_can(tm
         monkeypatch.setattr(shared.store, "append", failing)
         accepting = asyncio.create_task(fed(zone, [sample(0), sample(1)]))
         async with asyncio.timeout(180):
-            while zone.status().state != "failed":
+            while zone.now().status.state != "failed":
                 await asyncio.sleep(0)
-        assert "disk full" in zone.status().reason
+        assert "disk full" in zone.now().status.reason
         await finished(zone, await accepting)
-        assert zone.status().state == "running"
-        assert zone.status().samples == 2
+        assert zone.now().status.state == "running"
+        assert zone.now().status.samples == 2
     assert caplog.text.count("disk full") == 3
 
 
 async def test_a_zone_says_what_it_waits_for(tmp_path):
     async with plumbing(tmp_path) as shared:
         zone = make(shared)
-        assert (zone.status().state, zone.latest(), await zone.ask(question(3))) == ("waiting", None, None)
+        assert (zone.now().status.state, zone.now().update, await zone.ask(question(3))) == ("waiting", None, None)
         assert await zone.ask(ParametersQuestion((0.5,))) is None
         running = await fed(zone, [sample(0, y=float("nan")), sample(1)])
         async with asyncio.timeout(180):
-            while zone.latest() is None:
+            while zone.now().update is None:
                 await asyncio.sleep(0.01)
         fan = await zone.ask(question(2, {"u_heat": np.array([0.0, 500.0])}))
         assert len(fan.outputs[0].mean) == 3
         assert (await zone.ask(ParametersQuestion((0.5,)))).summary.parameters.shape == (10, 1)
         zone.align(Alignment(zone.network, PERIOD, ["only"], Rules(zone="z")))
-        assert zone.status().state == "running"
+        assert zone.now().status.state == "running"
         await zone.end("only")
         async with asyncio.timeout(180):
-            while zone.status().state != "stalled":
+            while zone.now().status.state != "stalled":
                 await asyncio.sleep(0.005)
-        assert "come to an end" in zone.status().reason
+        assert "come to an end" in zone.now().status.reason
         await finished(zone, running)
 
 
@@ -205,12 +205,12 @@ async def test_a_source_that_does_not_deliver_shows_on_its_zone_until_it_does(tm
         running = await fed(zone, [sample(0)])
         zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z")))
         await zone.source_failed("bms", "sources.bms: the file is gone; put it back")
-        assert zone.status().state == "stalled"
-        assert "the file is gone" in zone.status().reason
+        assert zone.now().status.state == "stalled"
+        assert "the file is gone" in zone.now().status.reason
         assert announcer.states[-1] == "stalled"
         await zone.deliver("bms", [], 0.0)
         await finished(zone, running)
-        assert zone.status().state == "running"
+        assert zone.now().status.state == "running"
 
 
 async def test_a_set_point_is_among_the_channels_of_a_zone_that_has_one(tmp_path):
@@ -218,10 +218,10 @@ async def test_a_set_point_is_among_the_channels_of_a_zone_that_has_one(tmp_path
         zone = make(shared)
         running = await fed(zone, [sample(0)])
         zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z")))
-        assert zone.status().channels == zone.network.channels
+        assert zone.now().status.channels == zone.network.channels
         zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z", setpoint_age=3600.0)))
         await zone.deliver("bms", [Reading("z/setpoint", PERIOD + 10.0, 21.0)], 2 * PERIOD)
-        *_, last = StatusPayload.of(zone.status(), None).channels
+        *_, last = StatusPayload.of(zone.now().status, None).channels
         assert (last.channel, last.last_good, last.age_s) == ("setpoint", PERIOD + 10.0, PERIOD - 10.0)
         await finished(zone, running)
 
@@ -236,7 +236,7 @@ async def test_a_recording_that_had_ended_before_this_start_still_tells_its_time
         await zone.prepare()
         zone.align(Alignment(zone.network, PERIOD, ["only"], Rules(zone="z")))
         await zone.end("only")
-        assert zone.status().now == 2 * PERIOD
+        assert zone.now().status.now == 2 * PERIOD
         await finished(zone, asyncio.create_task(zone.run()))
         assert announcer.states == ["running", "stalled"]
 
@@ -249,10 +249,10 @@ async def test_a_hurried_zone_saves_and_leaves_the_rest_to_the_journal(tmp_path)
         await zone.intake.accept(items)
         zone.hurry()
         await zone.run()
-        assert zone.status().samples < len(items)
+        assert zone.now().status.samples < len(items)
         again = make(shared)
         assert await again.prepare() == items[-1].time
-        assert comparable(again.latest()) == straight(items)[-1]
+        assert comparable(again.now().update) == straight(items)[-1]
 
 
 async def test_a_fan_is_given_up_when_the_daemon_stops(tmp_path):
@@ -273,4 +273,4 @@ async def test_two_recordings_with_their_own_times_show_the_earlier_one(tmp_path
         await zone.deliver("a", [], 5000.0)
         await zone.deliver("b", [], 900.0)
         await zone.deliver("a", [], 6000.0)
-        assert zone.status().now == 900.0
+        assert zone.now().status.now == 900.0

@@ -141,7 +141,7 @@ def test_a_zone_gives_the_same_numbers_whoever_asks(app: FastAPI) -> None:
 
 def test_a_plan_may_be_coarser_or_timed(app: FastAPI, site: tuple[FastAPI, dict[str, Zone]]) -> None:
     """In either request; see tests/service/forecast/test_plan.py for the values that each form has."""
-    latest = site[1]["rbpf"].latest()
+    latest = site[1]["rbpf"].now().update
     assert latest is not None
     start = latest.forecast.valid_time
     forms: list[Any] = [
