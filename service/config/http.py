@@ -58,6 +58,9 @@ class LimitsConfig(BaseModel):
     body: Annotated[int, BeforeValidator(whole(1024, 1_000_000_000))] = Field(
         default=1_048_576, description="bytes in the body of a request; more: 413"
     )
+    post_rate: Annotated[int, BeforeValidator(whole(1000, 1_000_000_000))] = Field(
+        default=1_000_000, description="bytes/s of readings, unpacked, of one key, a minute's worth at once; more: 429"
+    )
     url: Annotated[int, BeforeValidator(whole(256, 65_536))] = Field(
         default=8192, description="bytes in path and query; more: 414"
     )

@@ -14,15 +14,21 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from copy import copy
+from pathlib import Path
 from types import TracebackType
 from typing import TextIO
 
 from adapters.fields.times import written_time, written_to_the_millisecond
 from service.config.log import LEVELS, LogConfig
+from service.store.audit import AUDIT, Trail
 
 WINDOW_SECONDS = 60.0
+
+AUDITED_LINES = 2
+"""Lines a minute of one event about one client in the audit trail."""
 
 THINGS_PER_TEMPLATE = 20
 """A template may be written for so many things as often as for one: a thousand zones that fail at once fill no disk."""
@@ -46,6 +52,8 @@ def configure_logging(config: LogConfig | None = None) -> None:
     journal = _is_journal(sys.stderr)
     formatter: logging.Formatter = JsonFormatter() if config.format == "json" else PlainFormatter(dated=not journal)
     handler.setFormatter(Prefixed(formatter) if journal else formatter)
+    # Events of the audit trail pass the level of the root logger.
+    handler.setLevel(LEVELS[config.level])
     logging.basicConfig(level=LEVELS[config.level], handlers=[handler], force=True)
     logging.captureWarnings(True)
     threading.excepthook = _thread_died
@@ -53,18 +61,31 @@ def configure_logging(config: LogConfig | None = None) -> None:
     logging.getLogger("uvicorn").setLevel(logging.WARNING)
 
 
+@contextmanager
+def audited(folder: Path) -> Iterator[None]:
+    """Keep the audit trail in the state `folder` meanwhile."""
+    handler = LimitedHandler(Trail(folder), AUDITED_LINES)
+    handler.setFormatter(JsonFormatter())
+    AUDIT.addHandler(handler)
+    try:
+        yield
+    finally:
+        AUDIT.removeHandler(handler)
+        handler.close()
+
+
 def sweep_log() -> None:
-    """Say what was left out of the log, where its minute is over; to be called now and then."""
-    for handler in logging.getLogger().handlers:
+    """Say what was left out of the log and the audit trail, where its minute is over; to be called now and then."""
+    for handler in (*logging.getLogger().handlers, *AUDIT.handlers):
         if isinstance(handler, LimitedHandler):
             with handler.lock or nullcontext():
                 handler.sweep()
 
 
-class LimitedHandler(logging.StreamHandler[TextIO]):
+class LimitedHandler(logging.StreamHandler[TextIO | Trail]):
     """Writes lines to a stream, of one kind at most `limit` per minute."""
 
-    def __init__(self, stream: TextIO, limit: int, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, stream: TextIO | Trail, limit: int, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(stream)
         self._limit, self._clock = limit, clock
         self._until = -math.inf
@@ -101,8 +122,8 @@ class LimitedHandler(logging.StreamHandler[TextIO]):
 
     def _say(self) -> None:
         for count, last in self._left_out.values():
-            words = (count, last.getMessage())
-            said = logging.LogRecord(last.name, last.levelno, last.pathname, last.lineno, _LEFT_OUT, words, None)
+            said = copy(last)
+            said.msg, said.args, said.exc_info = _LEFT_OUT, (count, last.getMessage()), None
             super().emit(said)
         self._written.clear()
         self._left_out.clear()
@@ -132,6 +153,7 @@ class JsonFormatter(logging.Formatter):
             "logger": record.name,
             "message": record.getMessage(),
         }
+        line |= {name: getattr(record, name) for name in ("event", "who") if hasattr(record, name)}
         if record.exc_info:
             line["traceback"] = self.formatException(record.exc_info)
         return json.dumps(line)

@@ -25,7 +25,7 @@ from service.config.site import Config
 from service.daemon.composition import RunningSite, answer_on_zenoh, open_sinks
 from service.daemon.exposure import check_exposure
 from service.daemon.kernel_cache import guard_kernel_cache
-from service.daemon.logs import configure_logging, sweep_log
+from service.daemon.logs import audited, configure_logging, sweep_log
 from service.daemon.loop_delay import watch_loop
 from service.daemon.notify import Notifier
 from service.daemon.process import favour_the_event_loop
@@ -36,6 +36,7 @@ from service.daemon.tasks import abandonable, done_before, end
 from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError
 from service.publish.sinks import Sink
+from service.store.audit import AUDIT, about
 from service.store.store import Store
 from service.web.measures import http_measures
 
@@ -103,15 +104,18 @@ class Daemon:
         async with AsyncExitStack() as rest:
             store = Store(self._config.site.state_dir)
             rest.callback(store.close)
+            rest.enter_context(audited(self._config.site.state_dir))
+            AUDIT.info("started", extra=about("started", "daemon"))
+            rest.callback(AUDIT.info, "stopped", extra=about("stopped", "daemon"))
             for name in reset:
                 await store.forget(name)
+                AUDIT.warning("the state of zone '%s' is set aside", name, extra=about("reset", "daemon"))
             opened = await open_sinks(self._config, rest)
             await _keep(self._config)
             sinks = (*opened, *self._serving.sinks)
             self._site = RunningSite(self._config, store, sinks, os.cpu_count() or 1, self._stopped)
             rest.push_async_callback(self._site.close)
             await self._serve(self._site, store, opened)
-        _log.info("stopped")
 
     async def reload(self) -> str:
         """Read the configuration again and go over to it; what was done. Raises ReloadRefused, and then nothing was."""
@@ -131,7 +135,7 @@ class Daemon:
                 configure_logging(new.log)
             await _keep(new)
             done = summary(changes)
-            _log.info("configuration reloaded: %s", done)
+            AUDIT.info("configuration reloaded: %s", done, extra=about("reloaded", "daemon"))
             _warn(new)
             return done
         except ConfigError as error:

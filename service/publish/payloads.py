@@ -297,15 +297,16 @@ class ChannelStatus:
     last_good: Moment | None = shown("null: never since the start")
     age_s: Number = shown("age of last_good on the zone's clock, s")
     stale: bool = shown("true if the last interval brought no good reading of it")
+    writer: str | None = shown("the source, or the key that posted the newest reading; null: none since the start")
 
     @classmethod
     def of(cls, channel: str, status: ZoneStatus) -> ChannelStatus:
         """The last good reading of `channel` of the zone with `status`."""
-        when, last = status.last_good.get(channel), status.last_sample_time
+        when, last, writer = status.last_good.get(channel), status.last_sample_time, status.writers.get(channel)
         if when is None:
-            return cls(channel, None, _NONE, stale=True)
+            return cls(channel, None, _NONE, stale=True, writer=writer)
         # Readings that were good since the last sample are not in a sample yet.
-        return cls(channel, when, clock(status) - when, last is not None and when < last)
+        return cls(channel, when, clock(status) - when, last is not None and when < last, writer)
 
 
 @record

@@ -38,6 +38,8 @@ class ZoneStatus(NamedTuple):
     """How long after its sample the newest forecast was published, s; None before the first since the start."""
     diagnosis: Diagnosis = Diagnosis()
     """What the zone's model does not know, as of the newest diagnosis."""
+    writers: Mapping[str, str] = {}
+    """Who brought the newest reading of a channel since the start."""
 
 
 class ZoneState(NamedTuple):

@@ -22,6 +22,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import IO, NamedTuple
 
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from pydantic import BaseModel, NonNegativeInt, ValidationError
 from pydantic_core import from_json
 
@@ -31,6 +32,7 @@ from service.store.checkpoint import CheckpointStore
 from service.store.durable_files import make_folder, sync_folder, write_file
 from service.store.journal_file import SCHEMA_VERSION, schema_problem
 from service.store.ownership import as_owner_of, database, open_plain
+from service.store.signing import is_signed, public_key, signature
 from service.store.store import CHECKPOINTS, CONFIGURATION, JOURNAL, RESTORING, locked
 
 FORMAT_VERSION = 2
@@ -58,6 +60,14 @@ class _Manifest(BaseModel):
     made: datetime
     thermogate: str = ""
     files: dict[str, _Content]
+    signature: str | None = None
+    """Of `statement`, Ed25519 and base64; None: nobody signed."""
+
+    @property
+    def statement(self) -> bytes:
+        """What is signed: the site, the time, and size and digest of every file."""
+        head = ["thermogate backup", self.site, f"{self.made:%Y-%m-%dT%H:%M:%SZ}"]
+        return "\n".join([*head, *(f"{each.sha256} {each.size} {name}" for name, each in self.files.items())]).encode()
 
     @property
     def size(self) -> int:
@@ -74,10 +84,14 @@ class Backup(NamedTuple):
     """How many zones have a checkpoint in it."""
     size: int
     """Bytes of what is in it."""
+    signed: bool = False
+    """Whether the key that was asked for has signed it."""
 
 
-def write_backup(state_dir: Path, site: str, out: Path) -> Backup:
+def write_backup(state_dir: Path, site: str, out: Path, sign_with: Path | None = None) -> Backup:
     """Write a backup of `state_dir` to the file `out`, or to a new file in the folder `out`; whole or not at all.
+
+    It is signed with the private key in the file `sign_with`, if there is one.
 
     Raises BackupError where there is nothing to back up, `out` is there already, or cannot be written.
     """
@@ -107,6 +121,8 @@ def write_backup(state_dir: Path, site: str, out: Path) -> Backup:
             thermogate=version("thermogate"),
             files={name: _described(path) for name, path in files.items()},
         )
+        if sign_with is not None:
+            manifest.signature = signature(manifest.statement, sign_with)
         (work / _MANIFEST).write_text(manifest.model_dump_json(indent=2) + "\n", encoding="utf-8")
         with (work / "tar").open("wb") as file:
             os.fchmod(file.fileno(), 0o600)
@@ -117,16 +133,20 @@ def write_backup(state_dir: Path, site: str, out: Path) -> Backup:
             os.fsync(file.fileno())
         (work / "tar").rename(target)
         sync_folder(target.parent)
-    return Backup(target, site, made, zones, manifest.size)
+    return Backup(target, site, made, zones, manifest.size, sign_with is not None)
 
 
-def restore_backup(state_dir: Path, site: str, backup: Path, replace: bool) -> tuple[Backup, Path | None]:
+def restore_backup(
+    state_dir: Path, site: str, backup: Path, replace: bool, signed_by: Path | None = None
+) -> tuple[Backup, Path | None]:
     """Put `backup` in the place of what is in `state_dir`, which is set aside in the folder that is returned.
 
-    The daemon must be stopped. Raises BackupError where the backup is damaged or of another site, and where there is
-    state already unless `replace`; then nothing has changed.
+    The daemon must be stopped. Raises BackupError where the backup is damaged, of another site, or not `signed_by` the
+    key whose public part is in that file, and where there is state already unless `replace`; then nothing has changed.
     """
     told = f"the backup {backup} cannot be restored into {state_dir}"
+    # With the rights of the folder's owner, to whom the key need not be readable, it would be too late.
+    public = None if signed_by is None else public_key(signed_by)
     with locked(state_dir), _told(told), backup.open("rb") as file:
         with as_owner_of(state_dir) as folder:
             there = [name for name in os.listdir(folder) if name.startswith(JOURNAL) or name == CHECKPOINTS]
@@ -136,7 +156,7 @@ def restore_backup(state_dir: Path, site: str, backup: Path, replace: bool) -> t
         try:
             with as_owner_of(state_dir) as folder:
                 shutil.rmtree(folder / _UNPACKING, ignore_errors=True)
-                restored = _unpack(file, backup, site, folder / _UNPACKING)
+                restored = _unpack(file, backup, site, folder / _UNPACKING, public)
             _check_journal(state_dir / _UNPACKING / JOURNAL, backup)
         except BaseException:
             with as_owner_of(state_dir) as folder:
@@ -224,15 +244,19 @@ def _check_journal(path: Path, backup: Path) -> None:
             raise BackupError(f"{backup} is damaged, or made to do damage: its journal {problem}; use another backup")
 
 
-def unpacked_backup(backup: Path, folder: Path) -> Backup:
-    """Everything in `backup` of any site, checked against its manifest, in the new `folder`. Raises BackupError."""
+def unpacked_backup(backup: Path, folder: Path, signed_by: Path | None = None) -> Backup:
+    """Everything in `backup` of any site, checked against its manifest, and that against the public key in the file
+    `signed_by`, in the new `folder`. Raises BackupError."""
+    public = None if signed_by is None else public_key(signed_by)
     with _told(f"the backup {backup} cannot be read"), backup.open("rb") as file:
-        return _unpack(file, backup, None, folder)
+        return _unpack(file, backup, None, folder, public)
 
 
-def _unpack(file: IO[bytes], backup: Path, site: str | None, folder: Path) -> Backup:
-    """Everything in the `file` of `backup` of `site` (None: any), checked against its manifest, durable in the new
-    `folder`."""
+def _unpack(
+    file: IO[bytes], backup: Path, site: str | None, folder: Path, signer: Ed25519PublicKey | None = None
+) -> Backup:
+    """Everything in the `file` of `backup` of `site` (None: any), checked against its manifest, and that against the
+    key of its `signer` (None: anybody), durable in the new `folder`."""
 
     def damaged(what: str) -> BackupError:
         return BackupError(f"{backup} is damaged: {what}; use another backup")
@@ -244,6 +268,8 @@ def _unpack(file: IO[bytes], backup: Path, site: str | None, folder: Path) -> Ba
             raise BackupError(
                 f"{backup} is a backup of the site '{manifest.site}', and the configuration is that of '{site}'"
             )
+        if signer is not None and not is_signed(manifest.statement, manifest.signature or "", signer):
+            raise BackupError(f"{backup} is not signed with that key; use a backup that is, or another key")
         missing = dict(manifest.files)
         # A backup is not compressed: what is in it cannot be larger than it is.
         if manifest.size > os.fstat(file.fileno()).st_size:
@@ -263,7 +289,7 @@ def _unpack(file: IO[bytes], backup: Path, site: str | None, folder: Path) -> Ba
         if missing:
             raise damaged(f"'{next(iter(missing))}' is missing")
     zones = {Path(name).parent for name in manifest.files if name.startswith(f"{CHECKPOINTS}/")}
-    return Backup(backup, manifest.site, manifest.made, len(zones), manifest.size)
+    return Backup(backup, manifest.site, manifest.made, len(zones), manifest.size, signer is not None)
 
 
 def _is_plain(member: tarfile.TarInfo) -> bool:

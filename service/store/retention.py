@@ -8,12 +8,12 @@ what goes at once is a week at most, which the log tells.
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from adapters.fields.times import written_time
+from service.store.audit import AUDIT, about
 from service.store.journal import ROWS, Journal, is_aside
 
 HOUR = 3600
@@ -31,8 +31,6 @@ _BEGIN = 0.95
 """From which part of the limit on there is shrinking, so that the limit itself is not reached between two looks."""
 
 _TOLD = 5
-
-_log = logging.getLogger(__name__)
 
 Oldest = Callable[[str], int | None]
 
@@ -65,7 +63,8 @@ def prune_old(journal: Journal, oldest_checkpoint: Oldest, keep_history: float) 
         yield
     if told:
         more = f", and of {len(told) - _TOLD} more zones" if len(told) > _TOLD else ""
-        _log.warning("history older than keep_history is deleted: of zone %s%s", ", ".join(told[:_TOLD]), more)
+        sentence = "history older than keep_history is deleted: of zone %s%s"
+        AUDIT.warning(sentence, ", ".join(told[:_TOLD]), more, extra=about("deleted", "keep_history"))
 
 
 def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterator[None]:

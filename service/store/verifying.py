@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from service.errors import JournalError, ServiceError
+from service.store.audit import broken_links
 from service.store.backup import unpacked_backup
 from service.store.checkpoint import CheckpointStore
 from service.store.journal import Journal, is_aside
@@ -23,18 +24,23 @@ class Verified(NamedTuple):
     rows: int
     """Of the history."""
     checkpoints: int
+    audited: int
+    """Lines of the audit trail, of which a backup has none."""
     problems: tuple[str, ...]
 
 
-def verify(path: Path) -> Verified:
+def verify(path: Path, signed_by: Path | None = None) -> Verified:
     """Look through the state folder or the backup at `path`; nothing in it is changed, and a daemon may run meanwhile.
 
-    Raises ServiceError where there is neither, or a backup is not whole.
+    Raises ServiceError where there is neither, or a backup is not whole, or not `signed_by` the key whose public part
+    is in that file.
     """
     if path.is_dir():
+        if signed_by is not None:
+            raise ServiceError(f"{path} is a state folder, which nobody signs; leave --signed-by out")
         return _verify_state(path)
     with tempfile.TemporaryDirectory(prefix=".thermogate-", dir=path.parent) as work:
-        unpacked_backup(path, Path(work) / "state")
+        unpacked_backup(path, Path(work) / "state", signed_by)
         return _verify_state(Path(work) / "state")
 
 
@@ -69,7 +75,8 @@ def _verify_state(folder: Path) -> Verified:
             checkpoints += 1
             if found.damage is not None:
                 problems.append(f"the checkpoint {found.where} is damaged: {found.damage}")
-    return Verified(len(zones), samples, rows, checkpoints, tuple(problems))
+    audited, strange_lines = broken_links(folder)
+    return Verified(len(zones), samples, rows, checkpoints, audited, (*problems, *strange_lines))
 
 
 def _sound_rows(journal: Journal, zone: str) -> int:

@@ -20,6 +20,7 @@ from starlette.types import Scope as Connection
 from service.errors import KeyFileError
 from service.records.asker import asked_by, current_asker
 from service.records.view import ZoneView
+from service.store.audit import AUDIT, about
 from service.web.keys import Key, KeyRing, Scope
 from service.web.limits import FailedAttempts
 from service.web.server.peers import peer_of
@@ -165,14 +166,23 @@ class RequireKey:
             return ANYBODY
         caller = await self._authenticated(connection)
         needed: Scope = "admin" if administration else "write" if writing else "read"
+        refused = self._denied(caller, needed, parts)
+        if refused is not None:
+            who = f"key {caller.name}"
+            AUDIT.warning("%s was refused %s", who, path, extra=about("denied", who))
+            raise refused
+        return caller
+
+    def _denied(self, caller: Caller, needed: Scope, parts: list[str]) -> RequestRefused | None:
+        """Why `caller` may not do what takes the scope `needed`, at a path of these `parts`; None if they may."""
         if not caller.may(needed):
-            raise _lacking(needed)
+            return _lacking(needed)
         if caller.zones is not None:
             if f"/{parts[1]}" not in (ZONES_PREFIX, OVERVIEW_PREFIX, FORECASTS_PATH):
-                raise _lacking("all zones")
+                return _lacking("all zones")
             if f"/{parts[1]}" == ZONES_PREFIX and len(parts) > 3 and parts[2] not in caller.zones:
-                raise _unknown_zone(parts[2], sorted(caller.zones))
-        return caller
+                return _unknown_zone(parts[2], sorted(caller.zones))
+        return None
 
     def _may_read(self, connection: Connection) -> bool:
         try:

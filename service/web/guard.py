@@ -12,6 +12,8 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.config.http import HttpConfig
+from service.store.audit import AUDIT, about
+from service.web.server.peers import peer_of
 from service.web.server.refusal import RequestRefused, failure_answer, refusal
 
 # plotly.js writes style attributes and draws its own images; everything else comes from this host.
@@ -61,6 +63,9 @@ class Guard:
 
         refused = self._refused(scope)
         if refused is not None:
+            if refused.status in (HTTPStatus.FORBIDDEN, HTTPStatus.MISDIRECTED_REQUEST):
+                peer = peer_of(scope)
+                AUDIT.warning("%s was refused: %s", peer, refused, extra=about("another-site", peer))
             await refusal(refused)(scope, receive, hardened)
             return
         try:

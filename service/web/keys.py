@@ -23,6 +23,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 from adapters.fields.values import Identifier
 from service.errors import KeyFileError
+from service.store.audit import AUDIT, about
 from service.store.durable_files import make_folder, replace_file
 from service.store.ownership import as_owner_of, others_can_change
 from service.web.server.followed import FollowedFiles
@@ -203,9 +204,11 @@ class KeyRing:
         self._in_force = self._in_force or bool(self._keys)
         now = _accepted(self._keys)
         for digest in now.keys() - before.keys():
-            _log.info("API key '%s' with the scope %s is in force", now[digest].name, now[digest].scope)
+            name, scope = now[digest].name, now[digest].scope
+            AUDIT.info("API key '%s' with the scope %s is in force", name, scope, extra=about("key", f"key {name}"))
         for digest in before.keys() - now.keys():
-            _log.info("API key '%s' is not in force any more", before[digest].name)
+            name = before[digest].name
+            AUDIT.info("API key '%s' is not in force any more", name, extra=about("key", f"key {name}"))
 
 
 def _accepted(keys: Sequence[Key]) -> dict[str, Key]:

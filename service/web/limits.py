@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import math
 import time
 from collections import Counter, OrderedDict
@@ -15,8 +14,8 @@ from typing import NamedTuple
 from fastapi import Request
 
 from service.config.http import LimitsConfig
-from service.pauses import Seldom
 from service.records.asker import current_asker
+from service.store.audit import AUDIT, about
 from service.web.server.refusal import RequestRefused
 
 
@@ -53,8 +52,10 @@ FAILURES = 10
 
 FAILURE_SECONDS = 60.0
 
-_PEERS = 1024
-_log = logging.getLogger(__name__)
+POSTED_SECONDS = 60.0
+"""A key may post as many bytes of readings at once as its rate allows in this time."""
+
+_CLIENTS = 1024
 
 
 class Limiter:
@@ -62,7 +63,10 @@ class Limiter:
     client, and refuses what is too much."""
 
     def __init__(self, limits: LimitsConfig | None = None) -> None:
-        self._queues = {kind: _Queue(limit) for kind, limit in table(limits or LimitsConfig()).items()}
+        limits = limits or LimitsConfig()
+        self._queues = {kind: _Queue(limit) for kind, limit in table(limits).items()}
+        self._rate = limits.post_rate
+        self._posted = Allowance(POSTED_SECONDS * limits.post_rate, POSTED_SECONDS)
 
     def open(self, kind: str) -> int:
         """How much of one kind is under way or waits."""
@@ -75,6 +79,18 @@ class Limiter:
         async with self._queues[kind].turn(current_asker().name):
             yield
 
+    def admit_post(self) -> None:
+        """RequestRefused (429) if the client of this task has posted too many bytes of readings lately."""
+        client = current_asker().name
+        if wait := self._posted.wait(client):
+            sentence = f"you post more than {self._rate} bytes/s; wait, or raise http.limits.post_rate"
+            AUDIT.warning("%s posts more than %d bytes/s", client, self._rate, extra=about("rate", client))
+            raise RequestRefused(HTTPStatus.TOO_MANY_REQUESTS, [sentence], wait)
+
+    def posted(self, count: int) -> None:
+        """Note that the client of this task has posted `count` bytes of readings."""
+        self._posted.take(current_asker().name, count)
+
 
 class _Queue:
     """The clients of one kind of work."""
@@ -83,7 +99,6 @@ class _Queue:
         self._limit = limit
         self._room = asyncio.Semaphore(limit.at_once)
         self._turns: dict[str, asyncio.Semaphore] = {}
-        self._seldom = Seldom()
         self.open: Counter[str] = Counter()
 
     @asynccontextmanager
@@ -107,7 +122,8 @@ class _Queue:
     def _admit(self, client: str) -> None:
         limit, most = self._limit, max(self._limit.of_one, self._limit.waiting)
         if self.open[client] >= most:
-            self._complain("too many", f"{client} has {most} {limit.work} open, and further ones are refused")
+            sentence = "%s has %d %s open, and further ones are refused"
+            AUDIT.warning(sentence, client, most, limit.work, extra=about("too-many", client))
             sentence = f"you have {most} {limit.work} open, which is the limit for one client; wait, or close one"
             raise RequestRefused(HTTPStatus.TOO_MANY_REQUESTS, [sentence], limit.retry_after)
         if not limit.waiting and self.open.total() >= limit.at_once:
@@ -132,12 +148,8 @@ class _Queue:
             waited = time.monotonic() - asked
             if waited > LONG_WAIT_SECONDS:
                 told = ", ".join(f"{name} {count}" for name, count in self.open.most_common(3))
-                self._complain("late", f"{client} has waited {waited:.0f} s for its turn; {limit.work}: {told}")
-
-    def _complain(self, kind: str, sentence: str) -> None:
-        """Log who gets no turn, now and then."""
-        if self._seldom.due(kind):
-            _log.warning("%s", sentence)
+                sentence = "%s has waited %.0f s for its turn; %s: %s"
+                AUDIT.warning(sentence, client, waited, limit.work, told, extra=about("starved", client))
 
 
 async def stream_slot(request: Request) -> AsyncIterator[None]:
@@ -151,25 +163,46 @@ async def stream_slot(request: Request) -> AsyncIterator[None]:
         yield
 
 
+class Allowance:
+    """What clients may take over time: `most` at once, and as much again in `seconds`; in a bounded table."""
+
+    def __init__(self, most: float, seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._most, self._rate, self._clock = most, most / seconds, clock
+        self._clients: OrderedDict[str, tuple[float, float]] = OrderedDict()
+        """Of each client what was left and when that was, longest unheard of first."""
+
+    def left(self, client: str) -> float:
+        """What `client` may take now; less than nothing where it has taken more than it might."""
+        left, since = self._clients.get(client, (self._most, 0.0))
+        return min(self._most, left + (self._clock() - since) * self._rate)
+
+    def wait(self, client: str) -> int:
+        """0, or in how many s one more is free for `client`."""
+        missing = 1.0 - self.left(client)
+        return max(1, math.ceil(missing / self._rate)) if missing > 0.0 else 0
+
+    def take(self, client: str, amount: float) -> None:
+        """Note that `client` takes `amount`, be it more than is left."""
+        self._clients[client] = self.left(client) - amount, self._clock()
+        self._clients.move_to_end(client)
+        while len(self._clients) > _CLIENTS:
+            self._clients.popitem(last=False)
+
+
 class FailedAttempts:
-    """Wrong keys per peer: FAILURES at once, then as many per FAILURE_SECONDS, in a bounded table."""
+    """Wrong keys per peer: FAILURES at once, then as many per FAILURE_SECONDS."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
-        self._peers: OrderedDict[str, tuple[float, float]] = OrderedDict()
-        """Of each peer how many are left and when that was, longest unheard of first."""
+        self._allowed = Allowance(FAILURES, FAILURE_SECONDS, clock)
 
     def count(self, peer: str) -> int:
         """Note a wrong key of `peer`; 0, or in how many s the next one is free."""
-        now = self._clock()
-        left, since = self._peers.pop(peer, (float(FAILURES), now))
-        left = min(FAILURES, left + (now - since) * FAILURES / FAILURE_SECONDS)
-        free = left >= 1.0
+        left, wait = self._allowed.left(peer), self._allowed.wait(peer)
         if left == FAILURES:
-            _log.warning("a request from %s with a wrong API key was refused", peer)
-        elif free and left < 2.0:
-            _log.warning("too many requests with wrong API keys from %s; refusing them for a while", peer)
-        self._peers[peer] = (left - 1.0 if free else left, now)
-        while len(self._peers) > _PEERS:
-            self._peers.popitem(last=False)
-        return 0 if free else max(1, math.ceil((1.0 - left) * FAILURE_SECONDS / FAILURES))
+            AUDIT.warning("a request from %s with a wrong API key was refused", peer, extra=about("wrong-key", peer))
+        elif 1.0 <= left < 2.0:
+            sentence = "too many requests with wrong API keys from %s; refusing them for a while"
+            AUDIT.warning(sentence, peer, extra=about("wrong-keys", peer))
+        if not wait:
+            self._allowed.take(peer, 1.0)
+        return wait

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import time
 from http import HTTPStatus
 
@@ -16,14 +15,13 @@ from service.publish.payloads import StatusPayload
 from service.records.record import to_json
 from service.records.status import STATES, ZoneStatus
 from service.records.view import ZoneView
+from service.store.audit import AUDIT, about
 from service.web.access import MOST_NAMES, Administrator, may_read
 from service.web.answering import json_answer
 from service.web.models import HealthPayload, ReadyPayload, ReloadPayload, ZoneReadiness
 from service.web.problems import RETRY_SECONDS, documented
 from service.web.server.refusal import RequestRefused, few
 from service.web.site import Site
-
-_log = logging.getLogger(__name__)
 
 
 def operation_routes(site: Site, metrics_registry: CollectorRegistry) -> APIRouter:
@@ -83,7 +81,8 @@ def operation_routes(site: Site, metrics_registry: CollectorRegistry) -> APIRout
         summary="Read the configuration again; zones that are the same in it go on untouched",
     )
     async def reload_configuration(caller: Administrator) -> Response:
-        _log.info("asked to reload the configuration with the API key '%s'", caller.name)
+        who = f"key {caller.name}"
+        AUDIT.info("asked to reload the configuration with the API key '%s'", caller.name, extra=about("reload", who))
         try:
             if backend.reload is None:
                 raise ReloadRefused(["this daemon has no configuration file to read again"])

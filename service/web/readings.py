@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import logging
 import time
 import zlib
 from collections import Counter
@@ -22,6 +21,7 @@ from adapters.reading import Fault, Quality
 from service.pauses import Seldom
 from service.records.receipt import Receipt
 from service.records.record import document_of
+from service.store.audit import AUDIT, about
 from service.web.access import Caller, Writer, find_zone
 from service.web.answering import answer
 from service.web.limits import POSTS
@@ -48,8 +48,6 @@ _KINDS = {
 }
 _ENTRY: TypeAdapter[PostedReading] = TypeAdapter(PostedReading)
 _TAKEN = document_of(Receipt, of_a_zone=False, name="ReadingsPayload")
-
-_log = logging.getLogger(__name__)
 
 
 class Bodies(NamedTuple):
@@ -99,11 +97,17 @@ def reading_routes(site: Site, bodies: Bodies) -> APIRouter:
         except ClientDisconnect:
             # Nobody is there to hear an answer, or a refusal has been sent already.
             return Response()
+        site.limiter.admit_post()
+        site.limiter.posted(len(body))
         # Who sends slowly keeps nobody waiting: the turn begins with the whole body.
         async with site.limiter.turn(POSTS):
             # A large body takes its time, for which the event loop must not wait.
             try:
-                posted = await asyncio.to_thread(read, body, request.headers, query.precision, bodies.limit)
+                if "content-encoding" in request.headers:
+                    packed = len(body)
+                    body = await asyncio.to_thread(unpacked, body, request.headers, bodies.limit)
+                    site.limiter.posted(max(0, len(body) - packed))
+                posted = await asyncio.to_thread(read, body, request.headers, query.precision)
             except RequestRefused as error:
                 complaints.note(error, request.headers, caller.name)
                 raise
@@ -125,19 +129,17 @@ class _Complaints:
         kind = _KINDS.get(HTTPStatus(error.status)) or _FORMATS[_media_type(headers)]
         self._counts[kind] += 1
         if self._seldom.due(kind):
-            count = self._counts[kind]
-            sentence = str(error)[:_LONGEST]
-            _log.warning(
-                "a post with the API key '%s' cannot be read: %s (%s: %d so far)", client, sentence, kind, count
-            )
+            said = (client, str(error)[:_LONGEST], kind, self._counts[kind])
+            sentence = "a post with the API key '%s' cannot be read: %s (%s: %d so far)"
+            AUDIT.warning(sentence, *said, extra=about("unreadable", f"key {client}"))
 
 
 def _media_type(headers: Mapping[str, str]) -> str:
     return headers.get("content-type", "").partition(";")[0].strip().lower()
 
 
-def read(body: bytes, headers: Mapping[str, str], precision: str, limit: int) -> list[Posted]:
-    """The values in the body of a request with `headers`. RequestRefused if it cannot be read as a whole."""
+def read(body: bytes, headers: Mapping[str, str], precision: str) -> list[Posted]:
+    """The values in the unpacked `body` of a request with `headers`. RequestRefused if it cannot be read as a whole."""
     media_type = _media_type(headers)
     readers: dict[str, Callable[[str], Iterator[Posted]]] = {
         _JSON: lambda text: _from_json(_document(text)),
@@ -148,10 +150,6 @@ def read(body: bytes, headers: Mapping[str, str], precision: str, limit: int) ->
         given = f"not {media_type!r}" if media_type else "and this request has none"
         sentence = f"Content-Type must be {_JSON}, {_SENML}, or {_LINES} for InfluxDB line protocol, {given}"
         raise RequestRefused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, [sentence])
-    if "content-encoding" in headers:
-        body = _unpacked(body, headers["content-encoding"].strip().lower(), limit)
-        if media_type != _LINES and (refused := unread_json(body)) is not None:
-            raise refused
     text = _text(body)
     try:
         values = list(islice(readers[media_type](text), MAX_VALUES + 1))
@@ -163,7 +161,9 @@ def read(body: bytes, headers: Mapping[str, str], precision: str, limit: int) ->
     return values
 
 
-def _unpacked(body: bytes, encoding: str, limit: int) -> bytes:
+def unpacked(body: bytes, headers: Mapping[str, str], limit: int) -> bytes:
+    """The `body` of a request with `headers` as it was before it was packed, `limit` bytes at most. RequestRefused."""
+    encoding = headers["content-encoding"].strip().lower()
     if encoding == "identity":
         return body
     if encoding != "gzip":
@@ -171,15 +171,17 @@ def _unpacked(body: bytes, encoding: str, limit: int) -> bytes:
         raise RequestRefused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, [sentence])
     unpacking = zlib.decompressobj(zlib.MAX_WBITS | 16)
     try:
-        unpacked = unpacking.decompress(body, limit + 1)
+        content = unpacking.decompress(body, limit + 1)
     except zlib.error:
         raise RequestRefused(HTTPStatus.BAD_REQUEST, ["the body is not packed with gzip"]) from None
-    if len(unpacked) > limit:
+    if len(content) > limit:
         sentence = f"the body is larger than {limit} bytes when it is unpacked"
         raise RequestRefused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, [sentence])
     if not unpacking.eof or unpacking.unused_data:
         raise RequestRefused(HTTPStatus.BAD_REQUEST, ["the body is not one whole gzip stream"])
-    return unpacked
+    if _media_type(headers) in (_JSON, _SENML) and (refused := unread_json(content)) is not None:
+        raise refused
+    return content
 
 
 def _text(body: bytes) -> str:

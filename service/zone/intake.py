@@ -12,8 +12,10 @@ from math import inf
 from adapters.reading import Reading
 from service.errors import ServiceError
 from service.pauses import GrowingPause, within
+from service.records.asker import current_asker
 from service.records.receipt import Receipt
 from service.records.sample import Sample
+from service.store.audit import AUDIT, about
 from service.store.journalling import JournalStore
 from service.zone.alignment import Alignment
 from service.zone.clock import PLAUSIBLE, SETTLING, WAITED_OUT, Clock
@@ -37,6 +39,8 @@ class Intake:
         self.live = False
         self.trouble: dict[str, str] = {}
         """Why a source does not deliver, by its name."""
+        self.writers: dict[str, str] = {}
+        """Who brought the newest reading of a channel: a source, or the key that posted it."""
         self.clocks: dict[str, float] = {}
         """A recording's own time, by source."""
         self.unwritten: str | None = None
@@ -64,11 +68,12 @@ class Intake:
         assert self.alignment is not None
         return self.alignment
 
-    async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
+    async def deliver(self, source: str, readings: Sequence[Reading], now: float) -> None:
         """Readings of `source`, and its clock: the samples that close by them are accepted."""
         self.trouble.pop(source, None)
         if not self.live:
             self.clocks[source] = now
+        self.writers.update(dict.fromkeys((self._named(reading.channel) for reading in readings), f"source {source}"))
         await self.accept(self.aligned.add(source, readings, now))
 
     async def take(self, source: str, readings: Sequence[Reading]) -> Receipt:
@@ -93,6 +98,7 @@ class Intake:
                 fresh[key] = reading
             else:
                 faulty.append(reading)
+        self._note_writer(channel for channel, _ in fresh)
         faults = Counter(aligned.faults)
         samples = aligned.add(source, [*fresh.values(), *faulty], -inf)
         refused = aligned.faults - faults
@@ -103,6 +109,21 @@ class Intake:
         if held:
             await self._store.run(self._store.journal.keep, self._zone, held)
         return Receipt(accepted, len(readings) - len(fresh) - len(faulty), 0, refused)
+
+    def _note_writer(self, channels: Iterable[str]) -> None:
+        """The client of this task writes `channels` from now on."""
+        who = current_asker().name
+        for channel in dict.fromkeys(map(self._named, channels)):
+            before = self.writers.get(channel)
+            if before != who:
+                self.writers[channel] = who
+                sentence = "%s writes %s of zone '%s' from now on%s"
+                known = "" if before is None else f", until now {before}"
+                AUDIT.info(sentence, who, channel, self._zone, known, extra=about("writer", who))
+
+    def _named(self, channel: str) -> str:
+        """The name of a channel in the zone's network, of the id that routing goes by."""
+        return channel.removeprefix(f"{self._zone}/")
 
     async def recall(self) -> None:
         """Take in again what `take` had accepted for intervals that had not closed when the process ended."""

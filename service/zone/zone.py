@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Iterable
+from collections.abc import Sequence
 from functools import partial
 from math import inf
 from typing import TypeVar
@@ -119,6 +119,7 @@ class Zone:
             segment=progress.segment,
             faults={str(fault): count for fault, count in dict(alignment.faults).items()} if alignment else {},
             last_good=dict(alignment.last_good) if alignment else {},
+            writers=dict(intake.writers),
             channels=alignment.channels if alignment else self.network.channels,
             now=min(clocks, default=None),
             overruns=self._timeliness.overruns,
@@ -176,7 +177,7 @@ class Zone:
         self.intake.align(alignment, live)
         self._timeliness.patience = self.period if live else inf if pace == inf else self.period / pace
 
-    async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
+    async def deliver(self, source: str, readings: Sequence[Reading], now: float) -> None:
         """Readings of `source`, and its clock: the samples that close by them are accepted."""
         await self.intake.deliver(source, readings, now)
 

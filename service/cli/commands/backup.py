@@ -17,10 +17,12 @@ def add_to(add: AddCommand) -> None:
     )
     take_config(parser)
     parser.add_argument("out", type=Path, metavar="OUT", help="the file to write, or a folder to write a new file in")
+    parser.add_argument("--sign", type=Path, metavar="FILE", help="sign it with this private key (Ed25519, PEM)")
 
 
 def _backup(arguments: argparse.Namespace) -> int:
     from service.errors import BackupError
+    from service.store.audit import note
     from service.store.backup import write_backup
     from service.store.store import JOURNAL
 
@@ -31,6 +33,7 @@ def _backup(arguments: argparse.Namespace) -> int:
             f"there is no state in {site.state_dir}: a fleet keeps it in the database that fleet.database names; back "
             "that up with the tools of PostgreSQL, such as pg_dump"
         )
-    made = write_backup(site.state_dir, site.id, arguments.out)
+    made = write_backup(site.state_dir, site.id, arguments.out, arguments.sign)
+    note(site.state_dir, "backup", f"the backup {made.path} is written")
     print(f"{made.path}: site {made.site}, {made.size / 1e6:.1f} MB, zones with a checkpoint: {made.zones}")
     return 0

@@ -74,6 +74,7 @@ def _create(config: Config, arguments: argparse.Namespace) -> None:
     from adapters.fields.values import identifier
     from adapters.fields.words import suggestion
     from service.errors import ConfigError
+    from service.store.audit import note
     from service.web.keys import create_key
 
     ids = [zone.id for zone in config.zones]
@@ -87,6 +88,7 @@ def _create(config: Config, arguments: argparse.Namespace) -> None:
     expires = None if arguments.expires is None else _expiry(arguments.expires)
     zones = None if arguments.zone is None else list(dict.fromkeys(arguments.zone))
     secret = create_key(config.keys_file, name, arguments.scope, zones, expires)
+    note(config.site.state_dir, "key", f"key '{name}' with the scope {arguments.scope} is created")
     print(f"key '{name}' is in {config.keys_file}; this is the only time that it is shown:", file=sys.stderr)
     print(secret)
 
@@ -138,7 +140,9 @@ def _row(key: Key, now: datetime) -> tuple[str, ...]:
 
 
 def _revoke(config: Config, arguments: argparse.Namespace) -> None:
+    from service.store.audit import note
     from service.web.keys import revoke_key
 
     revoke_key(config.keys_file, arguments.name)
+    note(config.site.state_dir, "key", f"key '{arguments.name}' is revoked")
     print(f"key '{arguments.name}' is revoked; a running daemon refuses it from now on")

@@ -18,9 +18,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
+from support.certificates import make_pair
 from support.running_zone import Announced, fed, finished, make, plumbing, straight
 from support.zone_samples import comparable, sample
 
+from service.cli.main import main
 from service.errors import BackupError, JournalError, ServiceError
 from service.store import backup as module
 from service.store.backup import FORMAT_VERSION, restore_backup, write_backup
@@ -247,6 +251,56 @@ def test_what_cannot_be_backed_up_leaves_nothing(state: str, out: str, told: str
     with pytest.raises(BackupError, match=told):
         write_backup(tmp_path / state, "house", tmp_path / out)
     assert sorted(tmp_path.iterdir()) == before
+
+
+def key_files(folder: Path) -> tuple[Path, Path]:
+    """A private and a public key."""
+    key = Ed25519PrivateKey.generate()
+    private, public = folder / "backup.key", folder / "backup.pub"
+    private.write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+    public.write_bytes(key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo))
+    return private, public
+
+
+def test_a_signed_backup_cannot_be_made_up(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    private, public = key_files(tmp_path)
+    signed = write_backup(tmp_path / "state", "house", tmp_path / "signed.tar", private)
+    assert signed.signed
+    assert main(["verify", str(signed.path), "--signed-by", str(public)]) == 0
+    restored, _ = restore_backup(tmp_path / "new", "house", signed.path, False, public)
+    assert restored.signed
+
+    # Whoever changes a file can write a manifest that fits, but no signature.
+    with tarfile.open(signed.path) as archive:
+        archive.extractall(tmp_path / "forged", filter="data")
+    (tmp_path / "forged" / CONFIGURATION).write_bytes(b"")
+    manifest = json.loads((tmp_path / "forged" / "manifest.json").read_text())
+    manifest["files"][CONFIGURATION] = {"size": 0, "sha256": hashlib.sha256(b"").hexdigest()}
+    (tmp_path / "forged" / "manifest.json").write_text(json.dumps(manifest))
+    with tarfile.open(tmp_path / "forged.tar", "w") as archive:
+        for name in ("manifest.json", *manifest["files"]):
+            archive.add(tmp_path / "forged" / name, name)
+    assert main(["verify", str(tmp_path / "forged.tar")]) == 0
+    for wrong, of in ((tmp_path / "forged.tar", public), (kept, public), (signed.path, key_files(tmp_path)[1])):
+        with pytest.raises(BackupError, match="is not signed with that key"):
+            restore_backup(tmp_path / "other", "house", wrong, False, of)
+        assert main(["verify", str(wrong), "--signed-by", str(of)]) != 0
+    assert not (tmp_path / "other" / JOURNAL).exists()
+    assert "is not signed with that key" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", [None, b"", b"-----BEGIN PRIVATE KEY-----", b"rsa"])
+def test_a_file_that_is_no_key_signs_nothing(content: bytes | None, kept: Path, tmp_path: Path) -> None:
+    private = tmp_path / "backup.key"
+    if content == b"rsa":
+        content = make_pair(tmp_path, kind="rsa").private_key.read_bytes()
+    if content is not None:
+        private.write_bytes(content)
+    with pytest.raises(BackupError, match=r"cannot be read|has no private key"):
+        write_backup(tmp_path / "state", "house", tmp_path / "signed.tar", private)
+    assert not (tmp_path / "signed.tar").exists()
+    with pytest.raises(BackupError, match=r"cannot be read|has no public key"):
+        restore_backup(tmp_path / "new", "house", kept, False, private)
 
 
 def test_a_backup_of_another_site_is_refused(kept: Path, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from support.fake_zones import make_sample, make_update
 
 from service.cli.main import main
 from service.errors import BackupError, ServiceError
+from service.store.audit import TRAIL, note
 from service.store.backup import write_backup
 from service.store.checkpoint import Checkpoint
 from service.store.store import CHECKPOINTS, JOURNAL, Store
@@ -46,7 +47,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_what_is_sound_is_counted(sound: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for path in (sound / "state", sound / "kept.tar"):
         found = verify(path)
-        assert found == (2, 2 * STEPS, 2 * STEPS, 2, ())
+        assert found == (2, 2 * STEPS, 2 * STEPS, 2, 0, ())
         assert main(["verify", str(path)]) == 0
         assert "sound; zones: 2, samples: 5000, rows of history: 5000, checkpoints: 2" in capsys.readouterr().out
     assert sorted(path.name for path in sound.iterdir()) == ["kept.tar", "state"]
@@ -89,5 +90,8 @@ def test_a_damaged_checkpoint_and_a_damaged_backup_are_told(sound: Path, tmp_pat
     (state / CHECKPOINTS / "living").mkdir(parents=True)
     (state / JOURNAL).write_bytes((sound / "state" / JOURNAL).read_bytes())
     (state / CHECKPOINTS / "living" / "000000000001.npz").write_bytes(b"not one")
-    (problem,) = verify(state).problems
-    assert "000000000001.npz is damaged" in problem
+    note(state, "key", "key 'one' is created")
+    (state / TRAIL).write_bytes((state / TRAIL).read_bytes().replace(b"'one'", b"'two'"))
+    checkpoint, trail = verify(state).problems
+    assert "000000000001.npz is damaged" in checkpoint
+    assert "line 1 was changed" in trail

@@ -176,7 +176,7 @@ def test_failed_attempts_are_forgiven_in_time() -> None:
     assert attempts.count("a") > 0
     for number in range(5000):
         attempts.count(f"peer-{number}")
-    assert len(attempts._peers) <= 1024, "the table is bounded"
+    assert len(attempts._allowed._clients) <= 1024, "the table is bounded"
 
 
 @pytest.mark.parametrize(
