@@ -61,7 +61,7 @@ load-bacnet: $(VENV)/.ready  ## 20 BACnet devices x 50 points each 10 s for 10 m
 	$(BIN)/python tests/integration/loads.py bacnet --seconds 600 --polled
 
 golden: $(VENV)/.ready  ## tests/golden written anew: every payload and file as it now is; look at the difference before you commit it
-	THERMOGATE_GOLDEN=write $(BIN)/python -m pytest --quiet tests/test_golden.py tests/test_reference.py tests/adapters/test_kinds.py tests/service/config/test_mistakes.py
+	THERMOGATE_GOLDEN=write $(BIN)/python -m pytest --quiet tests/test_golden.py tests/test_reference.py tests/adapters/test_kinds.py tests/service/config/test_mistakes.py tests/service/cli/test_commands.py
 
 home-assistant: $(VENV)/home-assistant/installed  ## Home Assistant in an environment of its own, for the tests against it
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from support.config_samples import sound, write
 from service.cli.main import main
 from service.web.keys import KeyRing
 
-MISTAKES = json.loads(Path(__file__).with_name("mistakes.json").read_text(encoding="utf-8"))
 Capture = pytest.CaptureFixture[str]
 
 
@@ -50,12 +48,3 @@ def test_list_and_revoke(config: Path, capsys: Capture) -> None:
     assert re.search(r"^old +read +all .* revoked$", shown, re.MULTILINE)
     assert secret not in shown
     assert keys("revoke", config, "old") == 1
-
-
-@pytest.mark.parametrize(("words", "sentence"), MISTAKES["keys"])
-def test_mistakes(config: Path, words: list[str], sentence: str, capsys: Capture) -> None:
-    action, *rest = words
-    assert keys(action, config, *rest) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert sentence in line
-    assert not (config.parent / "secrets").exists()

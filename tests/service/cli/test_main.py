@@ -92,28 +92,6 @@ def test_usage_mistakes_are_one_sentence(argv: list[str], gist: str, capsys: Cap
     assert gist in complaint(capsys)
 
 
-def test_check_says_what_will_run(config: Path, capsys: Capture) -> None:
-    assert main(["check", str(config)]) == 0
-
-    assert capsys.readouterr().out.splitlines() == [
-        f"OK: site 'house', 2 zones, 1 source; state in {config.parent}/var/thermogate",
-        "source log: csv, 1 file (log.csv)",
-        "zone living: network tite, estimator bank, a sample every 5min",
-        "  states: T_i, T_e",
-        "  free parameters (4): C_i, C_e, g_ie, g_e_out",
-        "  T_i [degC]: mean of Living [degC] from log",
-        "  T_out [degC]: mean of Outside [degC] from log",
-        "  u_heat [W]: first of Power1 + Power2 [kW] from log",
-        "zone bedroom: network titeth, estimator bank, a sample every 10min",
-        "  states: T_i, T_e, T_h",
-        "  free parameters (7): C_i, C_e, C_h, g_ie, g_e_out, g_ih, A_w",
-        "  T_i [degC]: mean of Bedroom [degC] from log",
-        "  T_out [degC]: mean of Outside [degC] from log",
-        "  u_heat [W]: first of Power1 [kW] from log",
-        "  I_sol [W/m2]: mean of Sun [W/m2] from log",
-    ]
-
-
 def test_check_warns_of_state_with_which_run_does_not_start(config: Path, capsys: Capture) -> None:
     journal = Journal.open(config.parent / "var" / "thermogate" / JOURNAL)
     for zone in load(config).zones:
@@ -128,44 +106,6 @@ def test_check_warns_of_state_with_which_run_does_not_start(config: Path, capsys
     assert "`thermogate run CONFIG --reset living`" in warning
 
 
-def test_check_applies_overrides(config: Path, capsys: Capture) -> None:
-    given = ("zones.living.period=15min", "site.id=villa", 'zones.bedroom.network.fixed=["C_h"]')
-    assert main(["check", str(config), *(word for one in given for word in ("--set", one))]) == 0
-    shown = capsys.readouterr().out
-    assert "site 'villa'" in shown
-    assert "zone living: network tite, estimator bank, a sample every 15min\n" in shown
-    assert "  fixed parameters (1): C_h\n" in shown
-
-
-@pytest.mark.parametrize(
-    ("override", "said"),
-    [
-        ("zones.living.period=7min", "zones[0] ('living').period: \"7min\" does not divide a day"),
-        ("zones.attic.period=5min", '--set zones.attic.period=5min: zones has no item "attic"'),
-        ("http.host=0.0.0.0", 'http: listening on "0.0.0.0" lets other machines in'),
-    ],
-)
-def test_a_wrong_configuration_is_one_sentence_and_starts_nothing(
-    override: str, said: str, config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    calls = daemon(monkeypatch)
-
-    for command in ("check", "run"):
-        assert main([command, str(config), "--set", override]) == 2
-        assert complaint(capsys).startswith(said)
-    assert main(["check", str(config.with_name("gone.toml"))]) == 2
-    assert "gone.toml: cannot be read (no such file or directory)" in complaint(capsys)
-    assert calls == []
-
-
-def test_several_mistakes_are_a_line_each_and_a_count(config: Path, capsys: Capture) -> None:
-    assert main(["check", str(config), "--set", "colour=1", "--set", "http.port=-1"]) == 2
-
-    lines = capsys.readouterr().err.splitlines()
-    assert [line.split(": ")[1] for line in lines[:-1]] == ["colour", "http.port"]
-    assert lines[-1] == "thermogate: 2 mistakes in the configuration; nothing was started"
-
-
 def test_run_starts_the_daemon_and_passes_on_what_to_reset_and_the_exit_code(
     config: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -176,15 +116,6 @@ def test_run_starts_the_daemon_and_passes_on_what_to_reset_and_the_exit_code(
     (started,), options = calls[0]
     assert [zone.id for zone in started.zones] == ["living", "bedroom"]
     assert options["reread"]().zones == started.zones
-
-
-def test_run_refuses_to_reset_an_unknown_zone(config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    calls = daemon(monkeypatch)
-
-    assert main(["run", str(config), "--reset", "attic"]) == 2
-
-    assert complaint(capsys) == '--reset: there is no zone "attic"; the zones are living, bedroom'
-    assert calls == []
 
 
 @pytest.mark.parametrize(
@@ -246,22 +177,6 @@ def test_replay_passes_everything_on(
     (((loaded, out), options),) = calls
     assert (loaded.site.id, out) == ("house", Path("out"))
     assert options == expected | {"progress": watched}
-
-
-@pytest.mark.parametrize(
-    ("options", "gist"),
-    [
-        (["--zone", "attic"], '--zone: there is no zone "attic"; the zones are living, bedroom'),
-        (["--start", "2025-05-03T00:00:00Z", "--end", "2025-05-03T01:00:00+01:00"], "--start is not before --end"),
-    ],
-)
-def test_replay_refuses_what_makes_no_sense(
-    options: list[str], gist: str, config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    calls = replay(monkeypatch)
-    assert main(["replay", str(config), "--out", "out", *options]) == 2
-    assert gist in complaint(capsys)
-    assert calls == []
 
 
 @pytest.fixture

@@ -39,37 +39,6 @@ def test_registers_are_listed_without_any_zone(tmp_path: Path, capsys: pytest.Ca
         assert site.codes <= {3, 4}
 
 
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        (["--registers", "1-2"], "--registers says what to scan; give --scan too"),
-        (["--scan", "--source", "bsm"], '--source: there is no source "bsm"; did you mean "bms"?'),
-    ],
-)
-def test_a_wrong_use_is_one_sentence(
-    options: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["probe", written(tmp_path, modbus(1)), *options]) == 2
-    assert sentence.partition(";")[0] in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("options", [["--devices", "5-2"], ["--registers", "a"], ["--tables", "holdings"]])
-def test_a_range_that_is_none_is_refused(
-    options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["probe", written(tmp_path, modbus(1)), "--scan", *options]) == 2
-    assert options[1] in capsys.readouterr().err
-
-
-def test_a_source_that_cannot_be_scanned_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "a.csv").write_text("t,T\n", encoding="utf-8")
-    path = written(tmp_path, LOG)
-    assert main(["probe", path, "--scan", "--source", "log"]) == 1
-    assert capsys.readouterr().err == "thermogate: a source of kind csv cannot be scanned\n"
-    assert main(["probe", path, "--scan"]) == 1
-    assert "there is no source that can be scanned" in capsys.readouterr().err
-
-
 def test_topics_are_listed_without_any_zone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with broker(tmp_path) as site, Party(site.port) as party:
         party.put("home/living", '{"temperature": 21.5}', retain=True, qos=1)

@@ -8,14 +8,9 @@ from typing import Any
 import pytest
 from support.config_samples import sound, write
 
-from estimator.network import presets
-from estimator.network.boxes import PER_AREA, boxed
-from estimator.network.network import Network
-from service.cli.main import main
+from estimator.network.boxes import PER_AREA
 from service.config.fitting import fingerprint, make_worker
 from service.config.load import load
-from service.config.network_tables import PresetConfig
-from service.config.networks import preset_network, resolve
 from service.config.site import ZoneConfig
 
 SUN = {"source": "log", "column": "Sun", "unit": "W/m2"}
@@ -67,34 +62,6 @@ def test_the_sun_can_be_told_more_about(tmp_path: Path) -> None:
     assert network.parameter("A_w").upper == 12.0
 
 
-def built(**table: Any) -> Network:
-    network, mistakes = resolve(PresetConfig.model_validate(table))
-    assert not mistakes
-    assert network is not None
-    return network
-
-
-def test_a_floor_area_sets_the_bounds_and_parameters_have_the_last_word() -> None:
-    network = built(preset="titeth", box={"floor_area": 120}, solar=True, parameters={"C_i": {"upper": 5e6}})
-    area = boxed(presets.titeth(), 120.0, 120.0)
-    assert network.parameter("C_e") == area.parameter("C_e")
-    assert (network.parameter("C_i").lower, network.parameter("C_i").upper) == (3.6e5, 5e6)
-    assert network.parameter("A_w").upper == pytest.approx(36.0)
-
-
-def test_wide_auto_and_a_range_of_areas() -> None:
-    assert built(preset="titeth", box="wide") == built(preset="titeth", box="auto") == boxed(presets.titeth())
-    ranged = built(preset="m4", box={"floor_area": [80, 200]})
-    assert ranged == boxed(presets.m4(), 80.0, 200.0)
-    assert built(preset="titeth") == presets.titeth(), "today's bounds stay where no box is asked for"
-
-
-def test_a_box_narrows_the_automatic_network() -> None:
-    network = built(preset="auto", box={"floor_area": 50})
-    assert network.parameter("C_i").lower == 1.5e5
-    assert network.name == "auto"
-
-
 @pytest.mark.parametrize(
     ("network", "proposes"),
     [
@@ -112,10 +79,3 @@ def test_narrower_bounds_are_proposed_where_they_were_left_to_the_data(
     zone = living(tmp_path, network)
     assert zone.proposes_bounds is proposes
     assert make_worker(zone).settings.proposes_bounds is proposes
-
-
-def test_networks_shows_auto_with_its_variants(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["networks", "auto"]) == 0
-    printed = capsys.readouterr().out
-    assert "variants for members of a bank: own, ground, two-layers, direct-heat" in printed
-    assert preset_network("auto", ["solar=true"]).channels == ("T_i", "T_out", "u_heat", "I_sol")

@@ -26,14 +26,6 @@ def test_example_passes_its_check(path: Path, capsys: pytest.CaptureFixture[str]
     assert "warning:" not in shown.out
 
 
-def test_flexhouse_learns_a_solar_aperture() -> None:
-    (zone,) = load(EXAMPLES / "flexhouse.toml").zones
-    network = zone.network
-
-    assert network.nodes == ("T_i", "T_e", "T_h")
-    assert [parameter.name for parameter in network.free][-2:] == ["g_i_out", "A_w"]
-
-
 def test_flexhouse_takes_the_measured_file_by_override(capsys: pytest.CaptureFixture[str]) -> None:
     measured = EXAMPLES.parents[2] / "shared/data/flexhouse_prbs1/inputPRBS1.csv"
     if not measured.exists():

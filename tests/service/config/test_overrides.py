@@ -64,56 +64,6 @@ def test_later_overrides_win_and_the_original_stays() -> None:
     assert raw == {"http": {"port": 1}}
 
 
-@pytest.mark.parametrize(
-    ("override", "gist"),
-    [
-        ("http.port", 'there is no "="'),
-        ("=5", '"" is not a key'),
-        ("a..b=5", '"a..b" is not a key'),
-        ("a b=5", '"a b" is not a key'),
-        ("zones.attic.period=5", 'zones has no item "attic"; its ids are living, bedroom'),
-        ("zones.livign.period=5", 'did you mean "living"?'),
-        ("zones.7.period=5", 'zones has no item "7"'),
-        ("zones.-1.period=5", 'zones has no item "-1"'),
-        ("zones.2=5", "its indices go from 0 to 1"),
-        ("zones.living.levels.5=0.5", "zones.living.levels has no item"),
-        ("site.id.x=5", 'site.id is "house" and has no keys of its own'),
-        ("site.id.x.y=5", 'site.id is "house" and has no keys of its own'),
-        ("empty.0=5", "empty is an empty list"),
-    ],
-)
-def test_wrong_paths(override: str, gist: str) -> None:
-    raw = {
-        "site": {"id": "house"},
-        "zones": [{"id": "living", "levels": [0.9]}, {"id": "bedroom"}],
-        "empty": [],
-    }
-
-    with pytest.raises(ConfigError) as caught:
-        apply_overrides(raw, [override])
-
-    (problem,) = caught.value.problems
-    assert problem.startswith(f"--set {override}: ")
-    assert gist in problem
-
-
-def test_every_wrong_path_is_reported() -> None:
-    with pytest.raises(ConfigError) as caught:
-        apply_overrides({"a": 1}, ["a.b=1", "c", "a=2"])
-
-    assert [problem.split(":")[0] for problem in caught.value.problems] == ["--set a.b=1", "--set c"]
-
-
-def test_overrides_are_validated_like_the_file(tmp_path: Path) -> None:
-    path = write(tmp_path, sound(tmp_path))
-
-    assert load(path, ["zones.living.period=10min", "http.port=0"]).zones[0].period == 600
-    with pytest.raises(ConfigError, match=r"^zones\[1\] \('bedroom'\)\.period: \"7min\" does not divide a day"):
-        load(path, ["zones.bedroom.period=7min"])
-    with pytest.raises(ConfigError, match=r"^htp: is not a known key"):
-        load(path, ["htp.port=1"])
-
-
 def test_paths_in_overrides_are_relative_to_the_folder_of_the_file_or_absolute(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
