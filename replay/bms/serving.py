@@ -17,7 +17,7 @@ from replay.bms.control import create_control
 from replay.bms.faults import FaultSpec
 from replay.bms.modbus_server import ModbusServer
 from replay.bms.simulation import Simulation
-from replay.bms.written_config import over_bacnet, over_modbus, write_config
+from replay.bms.written_config import write_config
 from replay.bms.zenoh_publisher import ZenohPublisher
 from replay.errors import ReplayError
 from service.config.site import HttpConfig
@@ -32,14 +32,13 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class BmsOptions:
     """What the command line says. Ports of 0 are any free ones; `zenoh` None publishes nothing, `bacnet` None serves no
-    BACnet. The configuration reads the building `over` "modbus" or "bacnet"."""
+    BACnet."""
 
     zones: int = 4
     port: int = 5020
     control_port: int = 5021
     zenoh: str | None = "tcp/127.0.0.1:7448"
     bacnet: int | None = None
-    over: str = "modbus"
     pace: float = 60.0
     seed: int = 1
     faults: Sequence[FaultSpec] = ()
@@ -83,8 +82,7 @@ async def serve(options: BmsOptions, stop: asyncio.Event, ready: Callable[[list[
             opened.push_async_callback(asyncio.to_thread, publisher.close)
             works.append(publisher.run)
         if options.config is not None:
-            over = over_bacnet(bacnet.port) if options.over == "bacnet" and bacnet else over_modbus(modbus.port)
-            write_config(options.config, simulation, over, options.overrides)
+            write_config(options.config, simulation, modbus.port, options.overrides)
         tasks = [asyncio.create_task(work()) for work in works]
         opened.push_async_callback(end, tasks)
         await http.started(tasks[0])

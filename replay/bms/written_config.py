@@ -1,4 +1,4 @@
-"""The Thermogate configuration that reads the simulated building over Modbus or BACnet, one zone per room.
+"""The Thermogate configuration that reads the simulated building over Modbus, one zone per room.
 
 The daemon stamps readings by the wall clock, and at a pace of p the building lives p simulated seconds in one of them.
 What the daemon sees is therefore, exactly, a building in real time whose capacitances are a p-th of the true ones:
@@ -9,15 +9,14 @@ estimator that belong to a step are written out as they would be for the simulat
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import tomli_w
 
 from adapters.fields.durations import format_duration
 from estimator.particle.options import Options, resolve
-from replay.bms.bacnet.objects import CLIENT, FIRST_INSTANCE, objects
 from replay.bms.plant import Channel, Device
 from replay.bms.simulation import Simulation
 from service.config.overrides import apply_overrides
@@ -34,49 +33,26 @@ _STUCK_PERIODS = 6
 _PER_STEP = ("process_sd", "volatility_sd", "jump_probability", "shrinkage")
 
 
-class Over(NamedTuple):
-    """A way to the building: its name, the sources of some devices by name at a poll (s), and where a source finds a
-    channel of a device."""
-
-    name: str
-    sources: Callable[[Sequence[Device], float], dict[str, dict[str, Any]]]
-    place: Callable[[Device, Channel], dict[str, Any]]
-
-
-def over_modbus(port: int) -> Over:
-    """Through the Modbus server on `port`: a source for every device."""
-    return Over(
-        "Modbus",
-        lambda devices, poll: {device.name: _modbus_source(device, port, poll) for device in devices},
-        _modbus_place,
-    )
-
-
-def over_bacnet(port: int) -> Over:
-    """Through the BACnet servers on `port`: one source for all devices."""
-    table = {"kind": "bacnet", "interface": f"{CLIENT}/8", "port": port}
-    return Over("BACnet/IP", lambda _, poll: {"bms": table | {"poll": format_duration(poll)}}, _bacnet_place)
-
-
-def write_config(path: Path, simulation: Simulation, over: Over, overrides: Sequence[str] = ()) -> None:
-    """Write the TOML for the server that `over` leads to, with `overrides` (as of --set) applied; ConfigError for wrong
+def write_config(path: Path, simulation: Simulation, port: int, overrides: Sequence[str] = ()) -> None:
+    """Write the TOML for the Modbus server on `port`, with `overrides` (as of --set) applied; ConfigError for wrong
     ones."""
-    raw = apply_overrides(configuration(simulation, over), overrides)
+    raw = apply_overrides(configuration(simulation, port), overrides)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(_HEAD.format(pace=simulation.pace, over=over.name) + tomli_w.dumps(raw), encoding="utf-8")
+    path.write_text(_HEAD.format(pace=simulation.pace) + tomli_w.dumps(raw), encoding="utf-8")
 
 
-def configuration(simulation: Simulation, over: Over) -> dict[str, Any]:
-    """The configuration as TOML tables."""
+def configuration(simulation: Simulation, port: int) -> dict[str, Any]:
+    """The configuration as TOML tables: a source for every device."""
     period = zone_period(simulation.pace)
     by_room = {device.room: device for device in simulation.plant if device.room is not None}
     weather = next(device for device in simulation.plant if device.name == "weather")
+    poll = max(period / _POLLS_PER_PERIOD, _SHORTEST_POLL)
     return {
         "site": {"id": "simulated-bms", "state_dir": "state"},
         "http": {"host": "127.0.0.1", "port": 8080},
         "zenoh": {"listen": ["tcp/127.0.0.1:7447"]},
-        "sources": over.sources((weather, *by_room.values()), max(period / _POLLS_PER_PERIOD, _SHORTEST_POLL)),
-        "zones": [_zone(simulation, period, index, weather, by_room, over) for index in by_room],
+        "sources": {device.name: _source(device, port, poll) for device in (weather, *by_room.values())},
+        "zones": [_zone(simulation, period, index, weather, by_room) for index in by_room],
     }
 
 
@@ -87,13 +63,13 @@ def zone_period(pace: float) -> int:
 
 
 def _zone(
-    simulation: Simulation, period: int, index: int, weather: Device, by_room: dict[int, Device], over: Over
+    simulation: Simulation, period: int, index: int, weather: Device, by_room: dict[int, Device]
 ) -> dict[str, Any]:
     building = simulation.building
     network = building.zone_network(index, simulation.pace)
     options: Options = resolve(network, period * simulation.pace, {})
     channels = {
-        channel.zone_channel: _channel(over.place(device, channel), channel, period)
+        channel.zone_channel: _channel(_place(device, channel), channel, period)
         for device in (by_room[index], weather)
         for channel in device.channels
         if channel.zone_channel is not None
@@ -101,7 +77,7 @@ def _zone(
     for other in building.neighbours(index):
         air = by_room[other].channel("T_air")
         assert air is not None
-        channels[f"T_{building.rooms[other].name}"] = _channel(over.place(by_room[other], air), air, period)
+        channels[f"T_{building.rooms[other].name}"] = _channel(_place(by_room[other], air), air, period)
     return {
         "id": building.rooms[index].name,
         "period": format_duration(period),
@@ -113,7 +89,7 @@ def _zone(
     }
 
 
-def _modbus_source(device: Device, port: int, poll: float) -> dict[str, Any]:
+def _source(device: Device, port: int, poll: float) -> dict[str, Any]:
     return {
         "kind": "modbus",
         "host": "127.0.0.1",
@@ -124,7 +100,7 @@ def _modbus_source(device: Device, port: int, poll: float) -> dict[str, Any]:
     }
 
 
-def _modbus_place(device: Device, channel: Channel) -> dict[str, Any]:
+def _place(device: Device, channel: Channel) -> dict[str, Any]:
     register = channel.register
     table: dict[str, Any] = {
         "source": device.name,
@@ -137,11 +113,6 @@ def _modbus_place(device: Device, channel: Channel) -> dict[str, Any]:
     if register.can_be_unavailable:
         table["not_available"] = [math.nan if register.sentinel is None else register.sentinel]
     return table | ({"scale": register.scale} if register.scale != 1.0 else {})
-
-
-def _bacnet_place(device: Device, channel: Channel) -> dict[str, Any]:
-    kind, number = next((kind, number) for one, kind, number in objects(device) if one is channel)
-    return {"source": "bms", "device": FIRST_INSTANCE + device.unit_id, "object": f"{kind},{number}"}
 
 
 def _channel(place: dict[str, Any], channel: Channel, period: int) -> dict[str, Any]:
@@ -158,7 +129,7 @@ def _channel(place: dict[str, Any], channel: Channel, period: int) -> dict[str, 
 
 
 _HEAD = """\
-# Written by `thermogate simulate-bms --write-config`: reads a SYNTHETIC building over {over}, one zone per room.
+# Written by `thermogate simulate-bms --write-config`: reads a SYNTHETIC building over Modbus, one zone per room.
 #
 # Its pace is {pace:g}: {pace:g} simulated seconds pass in one second of the wall clock, by which the daemon stamps
 # readings. What the daemon sees is therefore, exactly, a building in real time whose capacitances are 1/{pace:g} of the

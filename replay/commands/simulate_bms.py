@@ -52,12 +52,6 @@ def add_to(add: AddCommand) -> None:
         metavar="PATH",
         help="write the configuration that reads this building",
     )
-    parser.add_argument(
-        "--over",
-        choices=("modbus", "bacnet"),
-        default="modbus",
-        help="what the written configuration reads the building over (default modbus)",
-    )
 
 
 def _simulate_bms(arguments: argparse.Namespace) -> int:
@@ -67,8 +61,6 @@ def _simulate_bms(arguments: argparse.Namespace) -> int:
 
     if arguments.overrides and arguments.config is None:
         raise ConfigError(["--set changes the configuration that --write-config writes; give that too"])
-    if arguments.over == "bacnet" and arguments.bacnet is None:
-        raise ConfigError(["--over bacnet reads the BACnet devices; give --bacnet with their port too"])
     given = {name: value for name, value in vars(arguments).items() if name in {one.name for one in fields(BmsOptions)}}
     return simulate_bms(BmsOptions(**given | {"faults": [parse_spec(text) for text in arguments.faults]}))
 

@@ -73,14 +73,6 @@ def test_mistakes_are_explained(body: dict[str, Any], gist: str) -> None:
     assert gist in response.json()["detail"]
 
 
-def test_its_documentation_needs_nothing_from_elsewhere() -> None:
-    root, page, script = ask(
-        simulation(Clock()), ("GET", "/", None), ("GET", "/docs", None), ("GET", "/static/docs.js", None)
-    )
-    assert root.headers["location"] == "/docs"
-    assert (page.status_code, script.status_code) == (200, 200)
-
-
 def test_the_plants_side_sets_heating_and_set_points() -> None:
     clock = Clock()
     plant = simulation(clock)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from support.bms_plant import Clock, simulation
 
-from replay.bms.faults import MENU, FaultError, parse_spec
+from replay.bms.faults import FaultError, parse_spec
 
 
 def test_a_fault_as_it_is_written_on_the_command_line() -> None:
@@ -52,16 +52,6 @@ def test_what_the_plant_cannot_have_is_refused(text: str, gist: str) -> None:
         plant.faults.add(parse_spec(text))
     assert gist in str(mistake.value)
     assert plant.faults.listed() == []
-
-
-@pytest.mark.parametrize("kind", MENU)
-def test_every_kind_can_be_switched_on_everywhere_and_off(kind: str) -> None:
-    plant = simulation(Clock())
-    fault = plant.faults.add(parse_spec(kind))
-    assert plant.faults.active(kind, "room1") == fault
-    assert plant.faults.remove(fault.id)
-    assert plant.faults.active(kind, "room1") is None
-    assert not plant.faults.remove(fault.id)
 
 
 def test_faults_that_have_ended_are_forgotten_also_where_nobody_lists_them() -> None:

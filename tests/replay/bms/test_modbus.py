@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import math
-import socket
 import struct
 import time
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import pytest
 from pymodbus.exceptions import ModbusIOException
 from support.bms_plant import Clock, Look, room1, room2, served, simulation
 
-from replay.bms.background import in_background
 from replay.bms.faults import parse_spec
-from replay.bms.serving import BmsOptions, serve
-from replay.errors import ReplayError
 
 
 def on_modbus(*faults: str) -> Callable[[Look], Callable[[], None]]:
@@ -78,17 +73,6 @@ async def test_values_move_as_time_passes(client, plant, clock):
     assert low + 65536 * high == pytest.approx(plant.world.now.energy[1] / 3600 / 60, abs=0.51)
 
 
-async def test_time_moves_by_itself_at_the_pace_that_was_asked_for() -> None:
-    plant = simulation(time.monotonic, pace=3600.0)
-    async with served(plant) as client:
-        living = asyncio.create_task(plant.run())
-        before = await room2(client)
-        while plant.world.elapsed < 1800:
-            await asyncio.sleep(0.02)
-        assert await room2(client) != before
-        living.cancel()
-
-
 def test_a_building_that_is_behind_says_how_far_and_catches_up() -> None:
     clock = Clock()
     plant = simulation(clock)
@@ -115,16 +99,6 @@ async def test_what_is_not_there_is_refused_and_nothing_can_be_written(client, p
         response = await getattr(client, function)(*place, device_id=unit)
         assert (response.isError(), response.exception_code) == (True, code), function
     assert await words(client, "holding", 0, 1, 11) == before
-
-
-def test_a_taken_port_is_one_sentence_where_the_plant_was_asked_for() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        port = other.getsockname()[1]
-        with (
-            pytest.raises(ReplayError, match=rf"--port {port}: .* cannot be used"),
-            in_background(partial(serve, BmsOptions(port=port, control_port=0))),
-        ):
-            raise AssertionError("it has not begun")
 
 
 @on_modbus()

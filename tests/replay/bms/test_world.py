@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from replay.bms.living.building import NODES, Building, design
 from replay.bms.living.calendar import FIRST_MIDNIGHT, Calendar
-from replay.bms.living.thermostats import PiValve, Relay
+from replay.bms.living.thermostats import PiValve
 from replay.bms.living.world import BEGIN, STEP, Snapshot, World
 from replay.localtime import DAY, HOUR
 
@@ -91,15 +91,6 @@ def test_the_calendar_has_no_end() -> None:
     assert max(week) > 200
     assert max(later) > 200
     assert week != later
-
-
-def test_a_relay_switches_outside_its_hysteresis_only() -> None:
-    relay = Relay(power=1000.0, hysteresis=1.0)
-    memory, shown = 0.0, []
-    for excess in (-0.4, -0.6, 0.4, 0.6, -0.4):
-        memory, power = relay.step(memory, excess, 5.0)
-        shown.append(power)
-    assert shown == [0, 1000, 1000, 0, 0]
 
 
 def test_a_valve_at_its_end_does_not_wind_up() -> None:

@@ -9,7 +9,7 @@ import pytest
 from support.bms_plant import Clock, simulation
 
 from estimator.particle.options import resolve
-from replay.bms.written_config import configuration, over_bacnet, over_modbus, write_config, zone_period
+from replay.bms.written_config import configuration, write_config, zone_period
 from replay.simulated.simulate import dynamics
 from service.config.load import load
 from service.errors import ConfigError
@@ -21,7 +21,7 @@ PACES = [0.5, 1.0, 60.0, 77.0, 600.0, 3600.0]
 def test_what_is_written_is_what_the_daemon_reads(pace: float, tmp_path: Path) -> None:
     plant = simulation(Clock(), pace=pace)
     path = tmp_path / "made" / "bms.toml"
-    write_config(path, plant, over_modbus(5020))
+    write_config(path, plant, 5020)
     config = load(path)
     assert [zone.id for zone in config.zones] == ["room1", "room2", "room3"]
     assert [*config.sources] == ["weather", "room1", "room2", "room3"]
@@ -54,7 +54,7 @@ def test_a_building_with_a_paceth_of_the_capacitance_does_in_real_time_what_the_
 
 
 def test_a_relay_reads_as_the_power_behind_it_and_a_neighbour_as_a_boundary() -> None:
-    first, second, _ = configuration(simulation(Clock()), over_modbus(5020))["zones"]
+    first, second, _ = configuration(simulation(Clock()), 5020)["zones"]
     place = {"source": "room1", "table": "coil", "register": 0, "type": "bool"}
     assert first["channels"]["u_heat"] == place | {"scale": 1500.0, "unit": "W", "aggregate": "mean"}
     assert [*second["channels"]] == ["T_air", "T_out", "T_room1", "T_room3", "u_heat", "I_sol"]
@@ -64,26 +64,9 @@ def test_a_relay_reads_as_the_power_behind_it_and_a_neighbour_as_a_boundary() ->
 def test_changes_from_the_command_line_are_written(tmp_path: Path) -> None:
     plant, path = simulation(Clock()), tmp_path / "bms.toml"
     changes = ["http.port=0", "zones.room2.estimator_options.particles=100"]
-    write_config(path, plant, over_modbus(5020), changes)
+    write_config(path, plant, 5020, changes)
     config = load(path)
     assert config.http.port == 0
     assert config.zones[1].estimator_options["particles"] == 100
     with pytest.raises(ConfigError, match=r"--set zones\.attic"):
-        write_config(path, plant, over_modbus(5020), ["zones.attic.period=1min"])
-
-
-def test_over_bacnet_the_same_zones_are_read_from_one_source(tmp_path: Path) -> None:
-    plant, path = simulation(Clock()), tmp_path / "bms.toml"
-    write_config(path, plant, over_bacnet(47999))
-    config = load(path)
-    assert [*config.sources] == ["bms"]
-    assert "over BACnet/IP" in path.read_text(encoding="utf-8")
-    for room, name, address, scale, unit in (
-        (0, "u_heat", "device 1011 binary-input,1", 1500.0, "W"),
-        (1, "u_heat", "device 1012 analog-input,2", 1.0, "kW"),
-        (2, "T_air", "device 1013 analog-input,1", 1.0, "K"),
-    ):
-        channel = config.zones[room].channels[name]
-        assert (channel.address, channel.scale, channel.unit) == (address, scale, unit)
-    by_modbus, by_bacnet = (configuration(plant, over(47999))["zones"] for over in (over_modbus, over_bacnet))
-    assert [zone["network"] for zone in by_bacnet] == [zone["network"] for zone in by_modbus]
+        write_config(path, plant, 5020, ["zones.attic.period=1min"])

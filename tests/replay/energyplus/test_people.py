@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from replay.energyplus.buildings import BUILDINGS, building_named
+from replay.energyplus.buildings import BUILDINGS
 from replay.energyplus.heating import Planned, heating_named
-from replay.energyplus.people import Life, draw_day
-from replay.errors import ReplayError
-from replay.localtime import DAY, HOUR
+from replay.energyplus.people import draw_day
+from replay.localtime import DAY
 
 MONDAY = 20101  # days since 1970
 
@@ -27,28 +26,11 @@ def test_a_day_follows_from_its_number_and_the_seed_alone(name: str) -> None:
         assert all((day.people == np.round(day.people)).all() for day in days)
 
 
-def test_life_at_a_time_is_that_row_of_the_day() -> None:
-    rooms = BUILDINGS["office"].rooms
-    life = Life([room.use for room in rooms], 300.0, 3)
-    for local in (MONDAY * DAY + 9 * HOUR, (MONDAY + 1) * DAY + 17 * HOUR + 299, MONDAY * DAY):
-        moment = life.at(local)
-        for number, room in enumerate(rooms):
-            day = draw_day(room.use, int(local // DAY), 300.0, 3, number)
-            row = int(local % DAY // 300)
-            assert [field[number] for field in moment] == [field[row] for field in day]
-
-
 def test_on_off_heating_has_a_hysteresis() -> None:
     heat = heating_named("on-off", BUILDINGS["timber"], 1)
     rated = BUILDINGS["timber"].rooms[0].heater
     powers = [heat(0.0, np.array([air]), np.array([20.0]))[0] for air in (20.0, 19.6, 20.0, 20.2, 20.4, 20.0, 19.8)]
     assert powers == [0.0, rated, rated, rated, 0.0, 0.0, 0.0]
-
-
-def test_proportional_heating_gives_what_is_missing() -> None:
-    heat = heating_named("proportional", BUILDINGS["timber"], 1)
-    powers = [heat(0.0, np.array([air]), np.array([20.0]))[0] for air in (17.0, 19.25, 20.0, 23.0)]
-    assert powers == [6000.0, 3000.0, 0.0, 0.0]
 
 
 def test_the_plan_does_not_look_at_the_room_unless_it_becomes_unbearable() -> None:
@@ -65,10 +47,3 @@ def test_the_plan_does_not_look_at_the_room_unless_it_becomes_unbearable() -> No
     assert abs(np.corrcoef(on.T)[0, 1]) < 0.1, "rooms are heated independently"
     assert (plan(times[0], np.full(2, 14.0), np.zeros(2)) > 0).all()
     assert (plan(times[0], np.full(2, 27.0), np.zeros(2)) == 0).all()
-
-
-def test_wrong_names_get_the_right_ones() -> None:
-    with pytest.raises(ReplayError, match="the buildings are house, timber, office"):
-        building_named("castle")
-    with pytest.raises(ReplayError, match="there are on-off, proportional, planned"):
-        heating_named("fire", BUILDINGS["timber"], 1)

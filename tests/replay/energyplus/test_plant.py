@@ -16,7 +16,7 @@ from replay.energyplus.heating import HEATINGS, heating_named
 from replay.energyplus.people import Life
 from replay.energyplus.plant import STEP, Inputs, Plant, Readings
 from replay.errors import WeatherFileError
-from replay.localtime import DAY, HOUR
+from replay.localtime import DAY
 
 pytestmark = needs_energyplus
 
@@ -70,23 +70,6 @@ def test_inputs_act_in_their_own_step(two_days) -> None:
         exchanged = inputs.opening * (before.outdoor - after.air)
         np.testing.assert_allclose(after.truth.windows, exchanged, rtol=0.03, atol=1.0)
     assert max(inputs.opening.max() for _, inputs, _ in two_days) > 0
-
-
-def test_the_sun_follows_the_clock_of_the_place(two_days) -> None:
-    local = np.array([before.time - 7 * HOUR for before, _, _ in two_days]) % DAY / HOUR
-    sun = np.array([before.irradiance for before, _, _ in two_days])
-    facade = np.array([after.facade for _, _, after in two_days])
-    through = np.array([after.truth.sun.sum() for _, _, after in two_days])
-    night = (local < 6.5) | (local > 18)
-    assert not sun[night].any()
-    assert not facade[night].any()
-    assert not through[night].any()
-    assert 11 < np.average(local, weights=sun) < 13
-    assert facade.max() > sun.max(), "in January the sun stands low"
-    # All three begin and end in the same steps.
-    assert ((sun > 0) == (through > 0)).all()
-    assert ((facade > 0) == (through > 0)).all()
-    assert through[(local > 11) & (local < 13)].min() > 0
 
 
 def test_the_first_moment_is_the_midnight_of_the_place_in_a_settled_building() -> None:

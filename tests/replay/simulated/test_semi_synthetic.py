@@ -3,70 +3,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.network.presets import building_67
 from replay.errors import WeatherFileError
-from replay.scores.intervals import coverage, mean_width, rmse, winkler
 from replay.simulated.semi_synthetic import (
-    MEASUREMENT_NOISE_SD,
-    PERIOD,
-    PROCESS_NOISE_SD,
-    Recording,
     generate,
     read_weather,
 )
-from replay.simulated.simulate import dynamics
-
-LYNGBY = Path(__file__).parents[4] / "shared/data/semi_synthetic/weather_lyngby_2016_10min.csv"
-needs_lyngby = pytest.mark.skipif(not LYNGBY.exists(), reason=f"measured weather is not at {LYNGBY}")
-
-
-def _kalman(recording: Recording, *, gain_known: bool) -> dict[str, float]:
-    """One-step scores of a Kalman filter that knows the true parameters and noise."""
-    network = building_67()
-    step = dynamics(network, {}, PERIOD)
-    inputs = np.column_stack([recording.columns[channel] for channel in network.inputs])
-    drive = inputs @ step.input.T
-    if gain_known:
-        drive += recording.truth.unmeasured_gain[:, None] * step.heat[:, 0]
-    y = recording.columns["T_i"]
-    mean, covariance = np.full(5, y[0]), 0.2**2 * np.eye(5)
-    forecast, sd = np.full(len(y), np.nan), np.full(len(y), np.nan)
-    for k in range(1, len(y)):
-        mean = step.transition @ mean + drive[k - 1]
-        covariance = step.transition @ covariance @ step.transition.T + PROCESS_NOISE_SD**2 * np.eye(5)
-        variance = covariance[0, 0] + MEASUREMENT_NOISE_SD**2
-        forecast[k], sd[k] = mean[0], np.sqrt(variance)
-        gain = covariance[:, 0] / variance
-        mean = mean + gain * (y[k] - mean[0])
-        covariance = covariance - np.outer(gain, covariance[0])
-    lower, upper = forecast - 1.96 * sd, forecast + 1.96 * sd
-    dominated = recording.truth.disturbance_dominated
-    return {
-        "rmse": rmse(forecast - recording.truth.states[:, 0]),
-        "winkler": winkler(y, lower, upper, 0.95),
-        "coverage": coverage(y, lower, upper),
-        "low": coverage(y[~dominated], lower[~dominated], upper[~dominated]),
-        "dominated": coverage(y[dominated], lower[dominated], upper[dominated]),
-        "width": mean_width(lower, upper),
-    }
-
-
-@needs_lyngby
-def test_filters_that_know_the_building_score_the_published_floor_with_and_without_the_gain() -> None:
-    recording = generate(LYNGBY, seed=1)
-    known, ignored = (_kalman(recording, gain_known=known) for known in (True, False))
-    assert known["rmse"] == pytest.approx(0.064, abs=0.002)
-    assert known["winkler"] == pytest.approx(0.772, abs=0.02)
-    assert known["width"] == pytest.approx(0.640, abs=0.002)
-    # 5 standard errors of a proportion from 22,176 samples
-    assert known["coverage"] == pytest.approx(0.95, abs=5 * np.sqrt(0.95 * 0.05 / 22_176))
-    gain = recording.truth.unmeasured_gain
-    events = np.count_nonzero((gain[1:] > 0) & (gain[:-1] == 0))
-    # What the gain does comes in `events` pieces of variable size: a relative error of about sqrt(2 / events), thrice.
-    spread = 3 * np.sqrt(2 / events)
-    assert ignored["rmse"] ** 2 == pytest.approx(0.274**2, rel=spread)
-    assert 1 - ignored["low"] == pytest.approx(1 - 0.886, rel=spread)
-    assert ignored["dominated"] == pytest.approx(0.071, rel=spread)
 
 
 def test_same_seed_same_numbers_and_fewer_days_are_a_beginning() -> None:
