@@ -43,7 +43,6 @@ def add_to(add: AddCommand) -> None:
         "--days", type=whole(1, 3660), metavar="N", help="only the first N days of the data; control: how many days"
     )
     parser.add_argument("--particles", type=whole(50, 1_000_000), metavar="N", help="particles of every RBPF")
-    parser.add_argument("--network", metavar="NAME", help="another network preset; --set changes it")
     parser.add_argument("--config", type=Path, metavar="CONFIG", help="a configuration whose zone is meant")
     parser.add_argument(
         "--state", type=Path, metavar="STATE_DIR", help="the live history of a daemon instead of a recording (topology)"

@@ -21,7 +21,6 @@ class Request:
     seeds: tuple[int, ...] = ()
     days: int | None = None
     particles: int | None = None
-    network: str | None = None
     config: Path | None = None
     state: Path | None = None
     """The state folder of a daemon, whose samples take the place of a recording."""

@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from estimator.arrays import Array
-from estimator.network.network import Network
 from estimator.network.presets import building_67
-from replay.errors import ReplayError, WeatherFileError
+from replay.errors import WeatherFileError
 from replay.localtime import DAY, Seconds, midnight
 from replay.simulated.events import HEATER, UNMEASURED_GAIN, square_wave
 from replay.simulated.simulate import simulate
@@ -47,16 +46,11 @@ class Recording(NamedTuple):
     truth: Truth
 
 
-def generate(
-    weather_csv: Path | None, *, days: int | None = None, seed: int, network: Network | None = None
-) -> Recording:
-    """Simulate the building over the weather of `weather_csv` (None: the built-in weather from 10 April 2024).
+def generate(weather_csv: Path | None, *, days: int | None = None, seed: int) -> Recording:
+    """Simulate building 67 over the weather of `weather_csv` (None: the built-in weather from 10 April 2024).
 
     `days` keeps only the first days of the period. Each ingredient has its own random stream, so one seed gives one
-    heater sequence, one gain and one noise sequence whatever the weather. Another `network` than building 67 takes its
-    nominal values as the truth; heater and gain scale with its total heat capacity, so that an event moves its
-    temperature as much, the gain enters its first measured node, and a boundary other than T_out is a room between 18
-    and 22 degC over the day. Raises WeatherFileError, and ReplayError for a network without nominal values.
+    heater sequence, one gain and one noise sequence whatever the weather. Raises WeatherFileError.
     """
     times, (outdoor, irradiance) = _weather(weather_csv, seed)
     if days is not None:
@@ -66,15 +60,10 @@ def generate(
     heater = square_wave(HEATER, len(times), PERIOD, heating)
     gain = square_wave(UNMEASURED_GAIN, len(times), PERIOD, disturbing)
 
-    network = network or building_67()
-    scale = _heat_capacity(network) / _heat_capacity(building_67())
-    gain *= scale
-    given = dict.fromkeys(network.boundaries, 20.0 - 2.0 * np.cos(2 * np.pi * times / DAY)) | {"T_out": outdoor}
-    for channel in network.heat_channels:
-        given[channel] = heater * scale if network.channel_unit(channel) == "W" else irradiance
-    indoor_node = network.nodes.index(network.measured[0])
+    network = building_67()
+    given = {"T_out": outdoor, "u_heat": heater, "I_sol": irradiance}
     unmeasured = np.zeros((len(times), len(network.nodes)))
-    unmeasured[:, indoor_node] = gain
+    unmeasured[:, network.nodes.index(network.measured[0])] = gain
     states = simulate(
         network,
         {},
@@ -91,17 +80,6 @@ def generate(
     }
     acted = np.concatenate([[False], gain[:-1] > 0.0])
     return Recording(times, measured | given, Truth(states, gain, acted))
-
-
-def _heat_capacity(network: Network) -> float:
-    """Sum of the nominal capacitances in J/K; ReplayError where one is missing."""
-    missing = [parameter.name for parameter in network.parameters if parameter.nominal is None]
-    if missing:
-        raise ReplayError(
-            f"network '{network.name}' cannot be simulated: {', '.join(missing)} have no nominal value to take as the "
-            f"truth; give each one, as in --set parameters.{missing[0]}.nominal=VALUE"
-        )
-    return sum(network.parameter(name).nominal or 0.0 for name in network.capacitances.values())
 
 
 def _weather(path: Path | None, seed: int) -> tuple[Seconds, Weather]:

@@ -1,22 +1,11 @@
-"""Which network an experiment is about: its own, a preset with changes, or that of a zone in a configuration."""
+"""The zone of a configuration that an experiment is about."""
 
 from __future__ import annotations
 
-from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.experiments.request import Request
 from service.config.load import load
-from service.config.networks import preset_network
 from service.config.site import Config, ZoneConfig
-
-
-def network_of(request: Request, default: str) -> Network:
-    """The network asked for, the preset `default` if none was; ReplayError or ConfigError says what is wrong."""
-    if request.config is None:
-        return preset_network(request.network or default, request.overrides)
-    if request.network is not None:
-        raise ReplayError("--network and --config both name a network; give one of them")
-    return zone_of(request).network
 
 
 def zone_of(request: Request) -> ZoneConfig:

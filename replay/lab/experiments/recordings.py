@@ -28,7 +28,7 @@ from replay.experiments.request import Request
 from replay.experiments.series.recorded_zone import ZoneRecord, bridged
 from replay.lab.experiments import rooms
 from replay.lab.experiments.ecolar.standins import configuration
-from replay.lab.experiments.semi_synthetic.building import simulated_case
+from replay.lab.experiments.semi_synthetic.building import NETWORK, simulated_case
 from replay.simulated import ecolar
 from replay.simulated.semi_synthetic import PERIOD as WEATHER_PERIOD
 from service.config.known_heat import usually_heated
@@ -88,11 +88,10 @@ def _building_67(folder: Path | None) -> Recording:
     path = folder and folder / WEATHER
     measured = path is not None and path.exists()
     request = Request(data=(path,) if path is not None and measured else ())
-    network = presets.building_67().validate()
-    series = simulated_case(network, request, _DATA_SEED).series
+    series = simulated_case(request, _DATA_SEED).series
     weather = "weather measured in Lyngby" if measured else "generated weather"
     what = f"the paper's building over {weather}, simulated, with an unmeasured heat gain; its own network, all free"
-    return Recording("building 67", what, False, network, WEATHER_PERIOD, series)
+    return Recording("building 67", what, False, NETWORK, WEATHER_PERIOD, series)
 
 
 def _ecolar(period: ecolar.Period, folder: Path | None) -> Recording:

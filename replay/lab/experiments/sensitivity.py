@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-from estimator.network.network import Network
 from replay.experiments.request import Request
 from replay.experiments.study import Contender, Results, Study
 from replay.lab.experiments.published import PUBLISHED
 from replay.lab.experiments.semi_synthetic.building import (
     AUC,
-    BUILDING,
     DOMINATED,
     FILTERED,
     HELD,
@@ -57,21 +55,18 @@ def changes(particles: int) -> dict[str, Mapping[str, object]]:
 
 
 def prepare(request: Request) -> Study:
-    """The experiment for `request`; ReplayError or ConfigError where it cannot be made."""
+    """The experiment for `request`; ReplayError where it cannot be made."""
     particles = request.particles or PARTICLES
     usual: Mapping[str, object] = {"particles": particles, **NOISE}
 
-    def entered(network: Network) -> dict[str, Sequence[Contender]]:
-        bases: dict[str, tuple[Mapping[str, object], tuple[str, ...]]] = {"default": (usual, ())}
-        if network.name == BUILDING:
-            bases["paper, 6 free"] = ({"preset": "paper", **usual}, HELD)
-        return {
-            base: [
-                Contender(label, "rbpf", {**options, **change}, held) for label, change in changes(particles).items()
-            ]
-            for base, (options, held) in bases.items()
-        }
-
+    bases: dict[str, tuple[Mapping[str, object], tuple[str, ...]]] = {
+        "default": (usual, ()),
+        "paper, 6 free": ({"preset": "paper", **usual}, HELD),
+    }
+    entered = {
+        base: [Contender(label, "rbpf", {**options, **change}, held) for label, change in changes(particles).items()]
+        for base, (options, held) in bases.items()
+    }
     return study(request, SEEDS, entered, _report)
 
 

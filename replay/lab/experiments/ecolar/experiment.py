@@ -8,15 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.network.presets import network as preset
-from replay.errors import ReplayError
+from estimator.network.presets import ecolar
 from replay.experiments.hours_ahead.recordings import of_zone
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
 from replay.experiments.request import Request, names_of
 from replay.experiments.series.filtering import FilterRun, Series, Trace
 from replay.experiments.series.least_squares import LeastSquaresRun, segments_of
-from replay.experiments.series.networks import network_of
 from replay.experiments.study import Contender, Figures, Results, Run, Study
 from replay.lab.experiments.ecolar.nights import DAYTIME, NightRun, score_nights
 from replay.lab.experiments.ecolar.standins import PERIODS, configuration
@@ -27,7 +25,6 @@ from replay.reports.kit.report import Report
 from replay.scores.intervals import interval_scores, rmse
 from replay.simulated.ecolar import ZONE, write_standin
 
-NETWORK = "ecolar-6r4c"
 PERIOD = 300
 SEEDS = 3
 _STARTS = 4
@@ -50,13 +47,8 @@ CONVENTIONS = {
 
 def prepare(request: Request) -> Study:
     """The experiment for `request`; ReplayError, ServiceError or ConfigError where it cannot be made."""
-    request.accept("data", "seeds", "days", "particles", "network", "config", "zone", "overrides")
-    network = network_of(request, NETWORK).validate()
-    needed = preset(NETWORK).channels
-    if network.channels != needed:
-        raise ReplayError(
-            f"network '{network.name}' does not fit the recording; it needs the channels {', '.join(needed)}"
-        )
+    request.accept("data", "seeds", "days", "particles")
+    network = ecolar().validate()
     periods = dict(_read(request))
     runs = []
     for name, series in periods.items():

@@ -9,13 +9,12 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.gaussian.floor import GAIN_CHANNEL, with_known_gain
-from estimator.network.network import Network
+from estimator.network.presets import building_67
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Series, Trace, run_filter
 from replay.experiments.series.least_squares import LeastSquaresRun, fit, segments_of
-from replay.experiments.series.networks import network_of
 from replay.experiments.study import Contender, Figures, Results, Run, Study
 from replay.lab.experiments.published import CHANNELS
 from replay.reports.kit.report import Report
@@ -25,10 +24,9 @@ from replay.scores.transfer import transfer_errors
 from replay.scores.windows import open_loop_errors, quiet_segments
 from replay.simulated.semi_synthetic import MEASUREMENT_NOISE_SD, PERIOD, Truth, generate
 
-BUILDING = "building-67"
-"""The network that the published numbers are about."""
+NETWORK = building_67().validate()
 HELD = ("C_i", "C_h", "C_s", "g_is")
-"""Its parameters that the authors' runs hold at the truth."""
+"""Parameters that the authors' runs hold at the truth."""
 NOISE: Mapping[str, object] = {"measurement_sd": MEASUREMENT_NOISE_SD}
 LEAST_SQUARES, KNOWING = "least squares, offline", "floor: true parameters, gain known"
 _STARTS = 3
@@ -47,11 +45,11 @@ class Case(NamedTuple):
     truth: Truth
 
 
-def simulated_case(network: Network, request: Request, seed: int) -> Case:
-    """`network` simulated over the weather of `request`; ReplayError where that cannot be."""
-    recording = generate(request.file, days=request.days, seed=seed, network=network)
+def simulated_case(request: Request, seed: int) -> Case:
+    """The building simulated over the weather of `request`; ReplayError where that cannot be."""
+    recording = generate(request.file, days=request.days, seed=seed)
     outputs, inputs = (
-        np.column_stack([recording.columns[name] for name in names]) for names in (network.measured, network.inputs)
+        np.column_stack([recording.columns[name] for name in names]) for names in (NETWORK.measured, NETWORK.inputs)
     )
     starts = np.arange(len(recording.times)) == 0
     return Case(Series(recording.times, outputs, inputs, starts), recording.truth)
@@ -61,7 +59,6 @@ class Ready(NamedTuple):
     """What the report is told of an experiment on this building."""
 
     request: Request
-    network: Network
     cases: Mapping[int, Case]
 
     @property
@@ -74,20 +71,19 @@ class Ready(NamedTuple):
 def study(
     request: Request,
     seeds: int,
-    entered: Callable[[Network], Mapping[str, Sequence[Contender]]],
+    entered: Mapping[str, Sequence[Contender]],
     written: Callable[[Results, Ready], Report],
 ) -> Study:
-    """The contenders that `entered` gives by recording, each over the building of every seed (`seeds` of them, unless
-    others are asked for). ReplayError or ConfigError where `request` cannot be met.
+    """The contenders `entered` by recording, each over the building of every seed (`seeds` of them, unless others are
+    asked for). ReplayError where `request` cannot be met.
 
     The contender LEAST_SQUARES is a fit; KNOWING is told of the gain as well.
     """
-    request.accept("data", "seeds", "days", "particles", "network", "config", "zone", "overrides")
-    network = network_of(request, BUILDING).validate()
-    cases = {seed: simulated_case(network, request, seed) for seed in steps(request.seeds_or(seeds), "simulating")}
+    request.accept("data", "seeds", "days", "particles")
+    cases = {seed: simulated_case(request, seed) for seed in steps(request.seeds_or(seeds), "simulating")}
     runs = tuple(
-        Run(recording, one.label, _job(recording, network, case, seed, one.with_particles(request.particles)))
-        for recording, contenders in entered(network).items()
+        Run(recording, one.label, _job(recording, case, seed, one.with_particles(request.particles)))
+        for recording, contenders in entered.items()
         for one in contenders
         for seed, case in cases.items()
     )
@@ -95,18 +91,18 @@ def study(
     def measure(run: Run, arrays: Arrays) -> Figures:
         case = cases[run.job.seed]
         if run.contender == LEAST_SQUARES:
-            return learned(network, case, arrays["theta"])
-        return figures(network, case, Trace(**arrays))
+            return learned(case, arrays["theta"])
+        return figures(case, Trace(**arrays))
 
-    return Study(runs, measure, lambda results: written(results, Ready(request, network, cases)))
+    return Study(runs, measure, lambda results: written(results, Ready(request, cases)))
 
 
-def _job(recording: str, network: Network, case: Case, seed: int, contender: Contender) -> Job:
-    label, (own, series) = f"{recording} {contender.label}", (network.with_fixed(contender.held), case.series)
+def _job(recording: str, case: Case, seed: int, contender: Contender) -> Job:
+    label, (own, series) = f"{recording} {contender.label}", (NETWORK.with_fixed(contender.held), case.series)
     if contender.label == LEAST_SQUARES:
-        return Job(label, seed, fit, LeastSquaresRun(network, PERIOD, segments_of(series), _STARTS, seed))
+        return Job(label, seed, fit, LeastSquaresRun(NETWORK, PERIOD, segments_of(series), _STARTS, seed))
     if contender.label == KNOWING:
-        own = with_known_gain(own, network.measured[0], GAIN_CHANNEL)
+        own = with_known_gain(own, NETWORK.measured[0], GAIN_CHANNEL)
         series = series._replace(inputs=np.column_stack([series.inputs, case.truth.unmeasured_gain]))
     return Job(label, seed, run_filter, FilterRun(contender.estimator, contender.options, own, PERIOD, series, seed))
 
@@ -116,19 +112,13 @@ def key(convention: str, score: str, regime: str = OVERALL) -> str:
     return f"{convention} {score}" if regime == OVERALL else f"{convention} {score}, {regime}"
 
 
-def channels(network: Network) -> dict[str, str]:
-    """What the paper calls the inputs of `network`: sun, heater, outside in this order, then any others."""
-    named = {name: called for name, called in CHANNELS.items() if name in network.inputs}
-    return named | {name: name for name in network.inputs if name not in named}
-
-
-def figures(network: Network, case: Case, trace: Trace) -> Figures:
-    """Of `trace`, which an estimator for `network` left on the series of `case`.
+def figures(case: Case, trace: Trace) -> Figures:
+    """Of `trace`, which an estimator left on the series of `case`.
 
     RMSE is against the noise-free temperature in both conventions. `one_step` is the interval published before y_k,
     against y_k; `filtered` that of the state after y_k, against the noise-free state.
     """
-    dominated, indoor = case.truth.disturbance_dominated, _indoor(network, case)
+    dominated, indoor = case.truth.disturbance_dominated, _indoor(case)
     one_step = (case.series.outputs[:, 0], trace.mean, trace.lower, trace.upper)
     filtered = (indoor, trace.filtered_mean, trace.filtered_lower, trace.filtered_upper)
     found: dict[str, float] = {}
@@ -155,23 +145,23 @@ def figures(network: Network, case: Case, trace: Trace) -> Figures:
         "AUC, settled": area_under_roc(alpha[settled], dominated[settled]),
         # The median, since what else the machine did meanwhile stretches some steps manifold.
         "ms per sample": 1000.0 * float(np.median(trace.seconds)),
-        **learned(network, case, trace.theta[-1]),
+        **learned(case, trace.theta[-1]),
     }
 
 
-def learned(network: Network, case: Case, theta: Array) -> Figures:
+def learned(case: Case, theta: Array) -> Figures:
     """Of the parameters `theta` (n_theta,): relative errors of the transfer functions, and the RMSE [K] of the
     noise-free temperature on every low-disturbance segment of at least 12 h, open loop from the true state."""
-    truth = np.array([parameter.nominal for parameter in network.parameters], dtype=np.float64)
-    errors = transfer_errors(network, theta[:, None], truth, PERIOD)
+    truth = np.array([parameter.nominal for parameter in NETWORK.parameters], dtype=np.float64)
+    errors = transfer_errors(NETWORK, theta[:, None], truth, PERIOD)
     found = {WORST_H2: float(errors.h2[0, 0].max())}
-    for name, called in channels(network).items():
-        place = network.inputs.index(name)
+    for name, called in CHANNELS.items():
+        place = NETWORK.inputs.index(name)
         found[f"H2 {called}"] = float(errors.h2[0, 0, place])
         found[f"H∞ {called}"] = float(errors.h_infinity[0, 0, place])
     # Row k of the inputs acts after t_k, so a segment begins where the interval that ends at t_k was already quiet.
     windows, states = quiet_segments(case.truth.disturbance_dominated, PERIOD), case.truth.states
-    rmses = open_loop_errors(network, theta, PERIOD, windows, states, case.series.inputs, _indoor(network, case))
+    rmses = open_loop_errors(NETWORK, theta, PERIOD, windows, states, case.series.inputs, _indoor(case))
     if len(rmses):
         statistics = {
             "mean": np.mean(rmses),
@@ -183,9 +173,9 @@ def learned(network: Network, case: Case, theta: Array) -> Figures:
     return found
 
 
-def _indoor(network: Network, case: Case) -> Array:
+def _indoor(case: Case) -> Array:
     """The noise-free temperature (K,)."""
-    indoor: Array = case.truth.states[:, network.nodes.index(network.measured[0])]
+    indoor: Array = case.truth.states[:, NETWORK.nodes.index(NETWORK.measured[0])]
     return indoor
 
 

@@ -7,22 +7,20 @@ import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
 
-from estimator.network.network import Network
 from replay.experiments.request import Request
 from replay.experiments.study import Contender, Results, Study, targets
-from replay.lab.experiments.published import PUBLISHED
+from replay.lab.experiments.published import CHANNELS, PUBLISHED
 from replay.lab.experiments.semi_synthetic.building import (
     AUC,
-    BUILDING,
     DOMINATED,
     FILTERED,
     HELD,
     INDEX,
     KNOWING,
     LOW,
+    NETWORK,
     ONE_STEP,
     Ready,
-    channels,
     key,
     study,
 )
@@ -35,8 +33,8 @@ SEEDS = 5
 
 
 def prepare(request: Request) -> Study:
-    """The experiment for `request`; ReplayError or ConfigError where it cannot be made."""
-    return study(request, SEEDS, lambda network: {network.name: contenders(network)}, _report)
+    """The experiment for `request`; ReplayError where it cannot be made."""
+    return study(request, SEEDS, {NETWORK.name: contenders()}, _report)
 
 
 _DATA = tomllib.loads(files(__package__).joinpath("experiment.toml").read_text(encoding="utf-8"))
@@ -47,19 +45,12 @@ TARGETS: Mapping[str, Mapping[str, Wanted]] = {
 """What the contenders whose label matches are held to, by figure."""
 
 
-def contenders(network: Network) -> list[Contender]:
-    """Who competes on `network`: on building 67 also with the authors' four parameters held."""
-    whole = network.name == BUILDING and len(network.free) == len(network.parameters)
-    held = {"authors": HELD, "all": tuple(parameter.name for parameter in network.parameters), None: ()}
+def contenders() -> list[Contender]:
+    """Who competes."""
+    held = {"authors": HELD, "all": tuple(parameter.name for parameter in NETWORK.parameters), None: ()}
     return [
-        Contender(
-            row["label"].format(free=len(network.free)),
-            row["estimator"],
-            row.get("options", {}),
-            held[row.get("held")],
-        )
+        Contender(row["label"], row["estimator"], row.get("options", {}), held[row.get("held")])
         for row in _DATA["contenders"]
-        if whole or not (row.get("held") == "authors" or row.get("only_building_67"))
     ]
 
 
@@ -75,14 +66,11 @@ def verdicts(results: Results) -> list[Verdict]:
 
 
 def _report(results: Results, ready: Ready) -> Report:
-    """The published numbers and the targets are those of BUILDING alone."""
-    ours = ready.network.name == BUILDING
-    quoted = PUBLISHED if ours else {table: {} for table in PUBLISHED}
     (name,), own, winkler = results.recordings, results.contenders[0], key(ONE_STEP, "Winkler, K")
     kalman = [label for label in results.contenders if re.fullmatch("[EU]KF paper.*", label)]
     best = min(kalman, key=lambda label: results.mean(name, label, winkler))
     case = next(iter(ready.cases.values()))
-    worst, learners = quoted["h_infinity"], [one for one in results.contenders if "true parameters" not in one]
+    worst, learners = PUBLISHED["h_infinity"], [one for one in results.contenders if "true parameters" not in one]
     alpha = PUBLISHED["median_alpha"].values()
     document = Document(__package__)
     lead = document.lines(
@@ -104,11 +92,11 @@ def _report(results: Results, ready: Ready) -> Report:
             gain=100 * float(case.truth.disturbance_dominated.mean()),
             particles=ready.request.particles or 9000,
         ),
-        *([targets(verdicts(results), "docs/experiments.md says why some are missed.")] if ours else []),
+        targets(verdicts(results), "docs/experiments.md says why some are missed."),
         document.section(
             "Can the intervals be trusted?",
             *(
-                results.table(f"calibration-{one.replace('_', '-')}", _calibration(one), quoted=quoted[one])
+                results.table(f"calibration-{one.replace('_', '-')}", _calibration(one), quoted=PUBLISHED[one])
                 for one in (ONE_STEP, FILTERED)
             ),
         ),
@@ -116,11 +104,11 @@ def _report(results: Results, ready: Ready) -> Report:
             "Has it learned the building?",
             results.table(
                 "transfer-function-errors",
-                [f"{norm} {channel}" for norm in ("H2", "H∞") for channel in channels(ready.network).values()],
+                [f"{norm} {channel}" for norm in ("H2", "H∞") for channel in CHANNELS.values()],
                 contenders=learners,
-                quoted={label: (*h2, *worst.get(label, (None,) * len(h2))) for label, h2 in quoted["h2"].items()},
+                quoted={label: (*h2, *worst.get(label, (None,) * len(h2))) for label, h2 in PUBLISHED["h2"].items()},
             ),
-            results.table("open-loop", _OPEN_LOOP, quoted=quoted["open_loop"]),
+            results.table("open-loop", _OPEN_LOOP, quoted=PUBLISHED["open_loop"]),
         ),
         document.section(
             "Does it notice what it cannot see?",
@@ -130,7 +118,7 @@ def _report(results: Results, ready: Ready) -> Report:
                 contenders=learners,
                 quoted={
                     label: (None, None, index, *(alpha if label.startswith("RBPF") else (None, None)), None, None)
-                    for label, index in quoted["parasitic_learning"].items()
+                    for label, index in PUBLISHED["parasitic_learning"].items()
                 },
             ),
             results.table(

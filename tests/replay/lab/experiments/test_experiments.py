@@ -14,10 +14,6 @@ import pytest
 from support.energyplus import needs_energyplus
 from support.tables import rows_of
 
-from estimator.network.presets import titeth
-from replay.errors import ReplayError
-from replay.experiments.request import Request
-from replay.experiments.series.networks import network_of, zone_of
 from service.cli.main import main
 
 ROOT = Path(__file__).parents[4]
@@ -78,22 +74,6 @@ def test_a_day_without_unmeasured_heat_has_its_report(tmp_path: Path) -> None:
     assert met + missed < len(targets)
     said = f"{met} of {len(targets)} are met, {missed} missed, {len(targets) - met - missed} open"
     assert said in (out / "report.html").read_text(encoding="utf-8")
-
-
-def test_another_network_has_targets_of_nobody(tmp_path: Path) -> None:
-    out = run("semi-synthetic", tmp_path, "--network", "tite", "--seeds", "1,")
-    assert not (out / "verdicts.csv").exists()
-    for table in ("calibration-one-step", "transfer-function-errors", "parasitic-learning", "open-loop"):
-        labels = [row["estimator"] for row in rows_of(out / f"{table}.csv")]
-        assert labels[0] == "RBPF default, 4 free"
-        assert not any("paper (" in label or "authors" in label for label in labels), table
-
-
-def test_the_zone_of_a_configuration_is_a_network_too() -> None:
-    request = Request(config=ROOT / "deploy/examples/generic-csv.toml")
-    assert network_of(request, "building-67").nodes == titeth().nodes
-    with pytest.raises(ReplayError, match=r"there is no zone 'attic'; the zones are room-1"):
-        zone_of(Request(config=request.config, zone="attic"))
 
 
 def test_ecolar_compares_nights(tmp_path: Path) -> None:
