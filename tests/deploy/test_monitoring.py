@@ -56,14 +56,6 @@ def test_names_that_do_not_exist_would_be_found() -> None:
     assert not metrics_in("rate(thermogate_sample_total[5m])") <= known()
 
 
-def test_prometheus_loads_the_rules_and_scrapes_the_daemon() -> None:
-    config = yaml.safe_load((PROMETHEUS / "prometheus.yml").read_text(encoding="utf-8"))
-    assert [(PROMETHEUS / name).exists() for name in config["rule_files"]] == [True]
-    (job,) = config["scrape_configs"]
-    assert job["job_name"] == "thermogate"
-    assert job.get("metrics_path", "/metrics") == "/metrics"
-
-
 def expressions(node: Any) -> Iterator[str]:
     if isinstance(node, dict):
         yield from (value for key, value in node.items() if key in ("expr", "query") and isinstance(value, str))

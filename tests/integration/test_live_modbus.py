@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from support.harness import EXAMPLES, Daemon, thermogate
+from support.harness import Daemon, thermogate
 from support.modbus_plant import WORDS, configuration, plant, running
 from support.waiting import wait_until
 from support.zenoh_plant import endpoint, session
@@ -96,11 +96,3 @@ def test_a_probe_prints_a_table_and_fails_where_something_is_wrong(tmp_path: Pat
     assert live.returncode == 1
     sentence = "thermogate: sources.bms is live (modbus), and only recorded sources can be replayed;"
     assert live.stderr.startswith(sentence)
-
-
-def test_a_probe_of_a_recording_shows_its_ends() -> None:
-    done = thermogate("probe", EXAMPLES / "generic-csv.toml")
-    assert done.returncode == 0
-    assert [line.split("  ")[0] for line in done.stdout.splitlines()[2:4]] == ["room-1/T_i", "room-1/T_i"]
-    assert "Raumtemperatur, first row" in done.stdout
-    assert "Raumtemperatur, last row" in done.stdout

@@ -10,8 +10,7 @@ from pathlib import Path
 
 from support import sites
 from support.broker import Mosquitto, Party, broker, flood
-from support.harness import Daemon, thermogate
-from support.processes import free_port
+from support.harness import Daemon
 from support.waiting import repeated, wait_until
 
 TOPICS = {"T_i": ("home/room", "20.5"), "T_out": ("home/outside", "4"), "u_heat": ("home/heating", "1500")}
@@ -80,24 +79,3 @@ def test_what_one_broker_does_harms_no_zone_of_another(tmp_path: Path) -> None:
             assert "thermogate_mqtt_connected 1.0" in daemon.text("/metrics")
             daemon.kill()
             wait_until(lambda: watching.newest()["thermogate/plant/availability"] == b"offline")
-
-
-def test_probe_finds_what_is_published_elsewhere(tmp_path: Path) -> None:
-    with broker(tmp_path) as site, telling(site) as party:
-        config = configuration(tmp_path, {"calm": site.port})
-        text = config.read_text(encoding="utf-8").replace('"home/room"', '"home/rooms"')
-        config.write_text(text, encoding="utf-8")
-        party.put("home/kitchen", '{"temperature": 21.5}', retain=True)
-        done = thermogate("probe", config, "--seconds", 3)
-        assert done.returncode == 1, done.stdout + done.stderr
-        assert f"source calm: mqtt://127.0.0.1:{site.port}, MQTT 5" in done.stdout
-        assert "nothing came within 3 s, and nothing was retained" in done.stdout
-        assert "heard meanwhile: home/room with 20.5" in done.stdout
-        assert "heard meanwhile: home/kitchen with /temperature 21.5" in done.stdout
-        cold = ("--set", 'zones.0.channels.T_i.topic="home/outside"')
-        doubted = thermogate("probe", config, "--seconds", 3, *cold)
-        assert (doubted.returncode, "doubtful: usually 5 to 40 here" in doubted.stdout) == (1, True)
-        away = thermogate("probe", config, "--set", f"sources.calm.port={free_port()}")
-        assert away.returncode == 1
-        assert "thermogate: sources.calm: no MQTT broker answers at mqtt://127.0.0.1:" in away.stderr
-        assert "Traceback" not in away.stderr

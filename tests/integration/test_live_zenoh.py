@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from support.bms_process import Bms
-from support.harness import EXAMPLES, Daemon, overrides, thermogate
+from support.harness import EXAMPLES, Daemon
 from support.waiting import wait_until
 from support.zenoh_plant import endpoint, session
 
@@ -72,20 +72,3 @@ def test_a_room_is_forecast_and_its_faults_are_told(bms: Bms, place: str, tmp_pa
         found = daemon.until("room2", lambda found: stale(found) == {"u_heat"})
         assert found["faults"]["not_available"] > 0, "no value is not zero"
         daemon.until("room2", lambda found: not stale(found))
-
-
-def test_probe_shows_every_channel_and_names_a_wrong_key(bms: Bms, place: str) -> None:
-    done = thermogate("probe", EXAMPLE, "--seconds", 8, *overrides({"sources.bms.connect": [place]}))
-    assert done.returncode == 0, done.stdout + done.stderr
-    title, header, *lines = done.stdout.splitlines()
-    assert title == f"source bms: client connecting to {place}"
-    assert header.split() == ["channel", "where", "raw", "value", "unit", "age", "verdict"]
-    channels = [line for line in lines if line.startswith("room2/")]
-    assert [line.split()[0] for line in channels] == ["room2/T_i", "room2/T_out", "room2/u_heat"]
-    assert all(line.endswith("good") for line in channels)
-    assert (done.stdout.count("by its payload"), done.stdout.count("by Zenoh's time stamp")) == (2, 1)
-    changes = {"sources.bms.connect": [place], "zones.0.channels.T_out.key": "bms/plain/weather/Tout"}
-    done = thermogate("probe", EXAMPLE, "--seconds", 2, *overrides(changes))
-    assert done.returncode == 1
-    assert "nothing came within 2 s" in done.stdout
-    assert "bms/plain/weather/T_out" in done.stdout, "a key that is heard is offered"

@@ -1,5 +1,6 @@
 """`thermogate inspect` on a checkpoint of a zone."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from service.store.checkpoint import CheckpointStore
 from service.zone import snapshot
 
 
-def test_the_zone_is_told_wherever_the_file_lies(
+def test_the_zone_is_told_wherever_the_file_lies_and_damage_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     learned = worker()
@@ -24,3 +25,10 @@ def test_the_zone_is_told_wherever_the_file_lies(
     for file in (path.name, str(copied)):
         assert main(["inspect", file]) == 0
         assert capsys.readouterr().out.splitlines()[0].split() == ["zone", "living"]
+    content = path.read_bytes()
+    for part in (content[: len(content) // 2], content[:500] + b"\x00" + content[501:], b""):
+        copied.write_bytes(part)
+        assert main(["inspect", str(copied)]) == 1
+        told = capsys.readouterr()
+        assert told.out == ""
+        assert re.fullmatch(rf"thermogate: {copied} is damaged \(.*\); the daemon sets such a file .*\n", told.err)
