@@ -5,7 +5,10 @@ from __future__ import annotations
 import asyncio
 import logging
 import random
+import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import aclosing
+from dataclasses import dataclass
 from math import inf, isfinite, nextafter
 
 from adapters.errors import SourceConfigError, SourceError
@@ -30,34 +33,52 @@ TOGETHER = 32
 _log = logging.getLogger(__name__)
 
 
-async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start: float | None) -> None:
-    """Deliver `source` to `zones` from UTC time `start` on until it ends, coming back for ever after failures.
+@dataclass
+class Tally:
+    """What a source has done since the daemon started."""
+
+    readings: int = 0
+    failures: int = 0
+    delivers: bool = False
+    """Whether it is at work and did not fail since it last delivered."""
+    last: float | None = None
+    """When it last delivered, UTC s."""
+
+
+async def feed(
+    source: Source, router: Router, zones: Mapping[str, Zone], start: float | None, tally: Tally | None = None
+) -> None:
+    """Deliver `source` to `zones` from UTC time `start` on until it ends, coming back for ever after failures; counted
+    in `tally`.
 
     What a source that is unavailable has delivered stays delivered: it is asked again from its own last clock on.
     """
-    pause, position, failed = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE), start, False
+    pause, position, failed, tally = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE), start, False, tally or Tally()
     while True:
         try:
-            async for batch in source.batches(position):
-                await _deliver(router.split(batch), zones)
-                if failed:
-                    failed = False
-                    _log.info("source '%s' works again", source.name)
-                if isfinite(batch.now):
-                    # Were it asked again, it is for what comes after this.
-                    position = nextafter(batch.now, inf)
-                    pause.reset()
+            async with aclosing(source.batches(position)) as batches:  # type: ignore[type-var]
+                async for batch in batches:
+                    tally.readings += len(batch.readings)
+                    tally.delivers, tally.last = True, time.time()
+                    await _deliver(router.split(batch), zones)
+                    if failed:
+                        failed = False
+                        _log.info("source '%s' works again", source.name)
+                    if isfinite(batch.now):
+                        # Were it asked again, it is for what comes after this.
+                        position = nextafter(batch.now, inf)
+                        pause.reset()
             break
-        except SourceConfigError as error:
-            _log.error("%s; it stays off", error)
-            await _tell(zones, router, source.name, str(error))
-            return
-        except SourceError as error:
-            reason = str(error)
         except Exception as error:
-            # Whatever else goes wrong in one source must not take the others down.
-            reason = f"sources.{source.name} failed: {error!r}"
+            # Whatever goes wrong in one source must not take the others down.
+            reason = str(error) if isinstance(error, SourceError) else f"sources.{source.name} failed: {error!r}"
             _log.debug("%s", reason, exc_info=error)
+            tally.failures += 1
+            tally.delivers = False
+            if isinstance(error, SourceConfigError):
+                _log.error("%s; it stays off", reason)
+                await _tell(zones, router, source.name, reason)
+                return
         # Many daemons behind one switch must not all come back at the same moment.
         failed = True
         wait = pause.seconds * random.uniform(0.5, 1.0)

@@ -3,34 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import time
-from collections.abc import AsyncIterator, Collection, Mapping, Sequence
-from contextlib import aclosing
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from math import inf
 from typing import NamedTuple
 
 from adapters.http.posted import Posted
 from adapters.http.source import HttpSource
-from adapters.reading import Batch, Source
+from adapters.reading import Batch
 from adapters.routing import Router
 from service.config.site import Config
-from service.daemon.supply.feeding import feed
+from service.daemon.supply.feeding import Tally, feed
 from service.daemon.tasks import end
 from service.records.receipt import NOTHING, Receipt
 from service.zone.zone import Zone
-
-
-@dataclass
-class Tally:
-    """What a source has done since the daemon started."""
-
-    readings: int = 0
-    failures: int = 0
-    delivers: bool = False
-    """Whether it is at work and did not fail since it last delivered."""
-    last: float | None = None
-    """When it last delivered, UTC s."""
 
 
 class Handed(NamedTuple):
@@ -38,6 +24,24 @@ class Handed(NamedTuple):
 
     receipt: Receipt
     used: frozenset[int]
+
+    def plus(self, other: Handed) -> Handed:
+        """Both together."""
+        return Handed(self.receipt.plus(other.receipt), self.used | other.used)
+
+    def told(self, posted: Sequence[Posted]) -> Receipt:
+        """The answer to who has `posted` this: with what no channel asks for."""
+        unknown = [one for place, one in enumerate(posted) if place not in self.used]
+        names = dict.fromkeys(one.shown for one in unknown[:_LOOKED_AT])
+        return replace(self.receipt, unknown=len(unknown), unknown_names=tuple(names)[:_SHOWN])
+
+
+NOTHING_HANDED = Handed(NOTHING, frozenset())
+NO_SOURCE = 'no zone has a source that is posted to; add one with kind = "http", and channels that name it'
+
+_SHOWN = 5
+_LOOKED_AT = 1000
+"""Values that nobody asks for among which names to show are looked for."""
 
 
 class Feed:
@@ -122,32 +126,10 @@ class Feed:
 
     async def _run(self, position: float | None) -> None:
         try:
-            await feed(_Counted(self.source, self.tally), self._router, self._zones, position)
+            await feed(self.source, self._router, self._zones, position, self.tally)
         finally:
             self.tally.delivers = False
             await self.source.close()
-
-
-class _Counted:
-    """A source, and what it brings counted."""
-
-    def __init__(self, source: Source, tally: Tally) -> None:
-        self.name = source.name
-        self.check, self.probe, self.close = source.check, source.probe, source.close
-        self._source, self._tally = source, tally
-
-    async def batches(self, start: float | None) -> AsyncIterator[Batch]:
-        tally = self._tally
-        try:
-            async with aclosing(self._source.batches(start)) as batches:  # type: ignore[type-var]
-                async for batch in batches:
-                    tally.readings += len(batch.readings)
-                    tally.delivers, tally.last = True, time.time()
-                    yield batch
-        except Exception:
-            tally.failures += 1
-            tally.delivers = False
-            raise
 
 
 def narrowed(config: Config, served: Collection[str]) -> Config:

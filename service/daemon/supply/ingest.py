@@ -6,22 +6,17 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from http import HTTPStatus
 
 from adapters.http.posted import Posted
-from service.daemon.supply.feeds import Feed, Handed
+from service.daemon.supply.feeds import NO_SOURCE, NOTHING_HANDED, Feed, Handed
 from service.pauses import Seldom
-from service.records.receipt import NOTHING, Receipt
+from service.records.receipt import Receipt
 from service.web.readings import RETRY_SECONDS
 from service.web.server.refusal import RequestRefused
 
 TOGETHER = 1000
 """Values that are handed to the zones in one turn of the event loop: some ms of it."""
-
-_SHOWN = 5
-_LOOKED_AT = 1000
-"""Values that nobody asks for among which names to show are looked for."""
 
 _log = logging.getLogger(__name__)
 
@@ -42,14 +37,12 @@ class Ingest:
             sentence = "the daemon is starting, or going over to another configuration; post again in a moment"
             raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], retry_after=RETRY_SECONDS)
         if not feeds:
-            sentence = 'no zone has a source that is posted to; add one with kind = "http", and channels that name it'
-            raise RequestRefused(HTTPStatus.CONFLICT, [sentence])
-        receipt, used = await hand(feeds, posted, zone)
-        unknown = [one for place, one in enumerate(posted) if place not in used]
-        names = tuple(dict.fromkeys(one.shown for one in unknown[:_LOOKED_AT]))[:_SHOWN]
-        if unknown and self._seldom.due():
-            _log.info("no channel asks for %d of %d posted values, such as %s", len(unknown), len(posted), names[0])
-        return replace(receipt, unknown=len(unknown), unknown_names=names)
+            raise RequestRefused(HTTPStatus.CONFLICT, [NO_SOURCE])
+        receipt = (await hand(feeds, posted, zone)).told(posted)
+        if receipt.unknown and self._seldom.due():
+            count, such = receipt.unknown, receipt.unknown_names[0]
+            _log.info("no channel asks for %d of %d posted values, such as %s", count, len(posted), such)
+        return receipt
 
 
 async def hand(feeds: Iterable[Feed], posted: Sequence[Posted], zone: str | None) -> Handed:
@@ -59,14 +52,13 @@ async def hand(feeds: Iterable[Feed], posted: Sequence[Posted], zone: str | None
     stay accepted: who posts again is told that they are known.
     """
     feeds = [feed for feed in feeds if feed.is_posted_to]
-    receipt, used, now = NOTHING, set[int](), time.time()
+    found, now = NOTHING_HANDED, time.time()
     order = sorted(range(len(posted)), key=lambda place: now if (when := posted[place].time) is None else when)
     for first in range(0, len(order), TOGETHER):
         places = order[first : first + TOGETHER]
         part = [posted[place] for place in places]
         for feed in feeds:
             handed = await feed.receive(part, zone)
-            receipt = receipt.plus(handed.receipt)
-            used |= {places[place] for place in handed.used}
+            found = found.plus(handed._replace(used=frozenset(places[place] for place in handed.used)))
         await asyncio.sleep(0)
-    return Handed(receipt, frozenset(used))
+    return found

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from http import HTTPStatus
 
 from adapters.http.posted import Posted
 from adapters.http.source import HttpSource
 from service.config.site import Config
-from service.daemon.supply.feeds import Handed
+from service.daemon.supply.feeds import NO_SOURCE, NOTHING_HANDED, Handed
 from service.errors import ServiceError
 from service.fleet.peers import Peer
-from service.records.receipt import NOTHING, Receipt
+from service.records.receipt import Receipt
 from service.web.readings import RETRY_SECONDS
 from service.web.server.refusal import RequestRefused
 
 TAKE_SECONDS = 30.0
 """How long the shards may take to make a post durable."""
-
-_SHOWN = 5
 
 
 class Posts:
@@ -42,8 +39,7 @@ class Posts:
         Raises RequestRefused without a source to post to, and while a zone has no shard: then all of it may be posted
         again."""
         if not self._sources:
-            sentence = 'no zone has a source that is posted to; add one with kind = "http", and channels that name it'
-            raise RequestRefused(HTTPStatus.CONFLICT, [sentence])
+            raise RequestRefused(HTTPStatus.CONFLICT, [NO_SOURCE])
         expected: dict[Peer, set[str]] = {}
         for one in posted:
             for source in self._sources:
@@ -51,13 +47,11 @@ class Posts:
                     expected.setdefault(self._shards[asking], set()).add(asking)
         asked = (shard.ask("take", posted, zone, zones, timeout=TAKE_SECONDS) for shard, zones in expected.items())
         results: list[Handed | BaseException] = await asyncio.gather(*asked, return_exceptions=True)
-        receipt, used = NOTHING, set[int]()
+        found = NOTHING_HANDED
         for result in results:
             if isinstance(result, ServiceError):
                 raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [str(result)], retry_after=RETRY_SECONDS)
             if isinstance(result, BaseException):
                 raise result
-            receipt = receipt.plus(result.receipt)
-            used |= result.used
-        unknown = [one.shown for place, one in enumerate(posted) if place not in used]
-        return replace(receipt, unknown=len(unknown), unknown_names=tuple(dict.fromkeys(unknown))[:_SHOWN])
+            found = found.plus(result)
+        return found.told(posted)
