@@ -15,7 +15,15 @@ from service.forecast.learned import ParametersQuestion, SkillQuestion
 from service.forecast.plan import Plan
 from service.forecast.request import ForecastRequest, bound, mistakes, published_levels
 from service.forecast.site import forecasts
-from service.publish.payloads import FanPayload, ForecastPayload, GainPayload, StatusPayload, refined, vouched
+from service.publish.payloads import (
+    FanPayload,
+    Forecasted,
+    ForecastPayload,
+    GainPayload,
+    StatusPayload,
+    refined,
+    vouched,
+)
 from service.records.fan import Fan
 from service.records.history import History
 from service.records.outlook import SET_POINTS
@@ -42,7 +50,7 @@ from service.web.models import (
 )
 from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
-from service.web.site import Asked, Here, Site
+from service.web.site import Asked, Here, zone_route
 
 _HOUR = 3600.0
 
@@ -74,91 +82,67 @@ async def show_zone(site: Here, view: Asked) -> Response:
     return answer(_description(site.id, view), site.id, view.id)
 
 
-@router.get(
-    "/{zone}/forecast",
-    response_model=document_of(ForecastPayload) | document_of(FanPayload),
-    responses=documented(404, 422, 500, 503),
-    summary="The standing forecast; with ?horizon= what follows it, inputs foreseen",
-)
-async def forecast(site: Here, view: Asked, query: Annotated[ForecastQuery, Query()]) -> Response:
+@zone_route(router, "GET /{zone}/forecast", ForecastPayload, FanPayload)
+async def forecast(site: Here, view: Asked, query: Annotated[ForecastQuery, Query()]) -> ForecastPayload | FanPayload:
+    """The standing forecast; with ?horizon= what follows it, inputs foreseen"""
     update = newest(view)
     published = published_levels(update)
     levels = query.level or published
     if query.horizon is None and set(levels) <= set(published):
-        return _current(site, view, ForecastPayload.of(update, levels))
+        return _current(view, ForecastPayload.of(update, levels))
     request = ForecastRequest([view], query.horizon or 0.0, levels)
     if query.horizon is None:
-        return _current(site, view, refined(await _fan(view, request)))
+        return _current(view, refined(await _fan(view, request)))
     bound(request)
-    return _current(site, view, FanPayload.of_steps(await _fan(view, request)))
+    return _current(view, FanPayload.of_steps(await _fan(view, request)))
 
 
-@router.post(
-    "/{zone}/forecast",
-    response_model=document_of(FanPayload),
-    responses=documented(400, 404, 422, 500, 503),
-    summary="The forecast under planned inputs: what a controller asks",
-)
-async def forecast_under_plan(site: Here, view: Asked, body: planned.ForecastRequest) -> Response:
+@zone_route(router, "POST /{zone}/forecast", FanPayload, also=(400,))
+async def forecast_under_plan(site: Here, view: Asked, body: planned.ForecastRequest) -> FanPayload:
+    """The forecast under planned inputs: what a controller asks"""
     newest(view)
     plan = Plan(inputs={view.id: planned.inputs_of(body.inputs)})
     request = ForecastRequest([view], body.horizon, body.levels, [plan])
     bound(request)
     if found := mistakes(request):
         raise invalid([f"field 'inputs.{one.channel}' {one.sentence}" for one in found])
-    return _current(site, view, FanPayload.of_steps(await _fan(view, request), body.inputs))
+    return _current(view, FanPayload.of_steps(await _fan(view, request), body.inputs))
 
 
-@router.get(
-    "/{zone}/parameters",
-    response_model=document_of(ParametersPayload),
-    responses=documented(404, 422, 500, 503),
-    summary="Posterior quantiles of the parameters, time constants and the heat-loss coefficient",
-)
-async def parameters(site: Here, view: Asked, query: Annotated[ParametersQuery, Query()]) -> Response:
+@zone_route(router, "GET /{zone}/parameters", ParametersPayload)
+async def parameters(site: Here, view: Asked, query: Annotated[ParametersQuery, Query()]) -> ParametersPayload:
+    """Posterior quantiles of the parameters, time constants and the heat-loss coefficient"""
     found = await asked(view, ParametersQuestion(tuple(query.level)))
-    return answer(_parameters(view, query.level, *found), site.id, view.id)
+    return _parameters(view, query.level, *found)
 
 
-@router.get(
-    "/{zone}/skill",
-    response_model=document_of(Skill),
-    responses=documented(404, 422, 500, 503),
-    summary="What the zone's own forecasts were worth: one step, 1 h, 6 h and 24 h ahead",
-)
-async def skill(site: Here, view: Asked) -> Response:
-    return answer(await asked(view, SkillQuestion()), site.id, view.id)
+@zone_route(router, "GET /{zone}/skill", Skill)
+async def skill(site: Here, view: Asked) -> Skill:
+    """What the zone's own forecasts were worth: one step, 1 h, 6 h and 24 h ahead"""
+    return await asked(view, SkillQuestion())
 
 
-@router.get(
-    "/{zone}/gain",
-    response_model=document_of(GainPayload),
-    responses=documented(404, 422, 500, 503),
-    summary="Unmeasured heat into the zone and the noise of its sensors, where the estimator knows of them",
-)
-async def gain(site: Here, view: Asked) -> Response:
+@zone_route(router, "GET /{zone}/gain", GainPayload)
+async def gain(site: Here, view: Asked) -> GainPayload:
+    """Unmeasured heat into the zone and the noise of its sensors, where the estimator knows of them"""
     payload = GainPayload.of(newest(view))
     if payload is None:
         sentence = (
             f"the estimator '{view.estimator}' of zone '{view.id}' has no model of unmeasured heat; mkf and bank do"
         )
         raise RequestRefused(HTTPStatus.NOT_FOUND, [sentence])
-    return answer(payload, site.id, view.id)
+    return payload
 
 
-@router.get(
-    "/{zone}/history",
-    response_model=document_of(History),
-    responses=documented(404, 422, 500, 503),
-    summary="Past samples against the forecasts that stood before them",
-)
+@zone_route(router, "GET /{zone}/history", History)
 async def history(site: Here, view: Asked, query: Annotated[HistoryQuery, Query()]) -> Response:
+    """Past samples against the forecasts that stood before them"""
     start, end = epoch(query.start), epoch(query.end)
     return json_answer(await written(site.id, view, start, end, query.limit, site.limiter))
 
 
-def _current(site: Site, view: ZoneView, payload: ForecastPayload) -> Response:
-    return answer(vouched(payload, view.now().status, view.surroundings.limits), site.id, view.id)
+def _current(view: ZoneView, payload: Forecasted) -> Forecasted:
+    return vouched(payload, view.now().status, view.surroundings.limits)
 
 
 def _page(names: Sequence[str], query: ZonesQuery) -> Sequence[str]:

@@ -36,7 +36,7 @@ from service.web.models import Query as Parameters
 from service.web.planned import PlannedInput, named_apart, values_of
 from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
-from service.web.site import Asked, Here
+from service.web.site import Asked, Here, zone_route
 
 _AT_ONCE = 4
 """Zones of a site's demand that are asked at once."""
@@ -99,13 +99,9 @@ class WhatIfBody(_Body):
 router = APIRouter(tags=["heating"])
 
 
-@router.get(
-    "/zones/{zone}/preheat",
-    response_model=document_of(Preheat),
-    responses=documented(404, 409, 422, 500, 503),
-    summary="The latest time to raise the set-point for the zone to be warm in time",
-)
-async def preheat(site: Here, view: Asked, query: Annotated[PreheatQuery, Query()]) -> Response:
+@zone_route(router, "GET /zones/{zone}/preheat", Preheat, also=(409,))
+async def preheat(site: Here, view: Asked, query: Annotated[PreheatQuery, Query()]) -> Preheat:
+    """The latest time to raise the set-point for the zone to be warm in time"""
     _check(view, 1, query.target, "query parameter 'target'")
     start, zone = newest(view).forecast.valid_time, site.backend.time_zone
     try:
@@ -114,18 +110,14 @@ async def preheat(site: Here, view: Asked, query: Annotated[PreheatQuery, Query(
     except PlanError as error:
         raise invalid([f"query parameter 'by' {error}"]) from None
     question = PreheatQuestion(query.target, by, query.probability, query.tolerance)
-    return answer(await _answer(view, by - start, question), site.id, view.id)
+    return await _answer(view, by - start, question)
 
 
-@router.post(
-    "/zones/{zone}/demand",
-    response_model=document_of(Demand),
-    responses=documented(400, 404, 409, 422, 500, 503),
-    summary="The energy that the zone's thermostat will call for, hour by hour",
-)
-async def demand(site: Here, view: Asked, body: DemandBody) -> Response:
+@zone_route(router, "POST /zones/{zone}/demand", Demand, also=(400, 409))
+async def demand(site: Here, view: Asked, body: DemandBody) -> Demand:
+    """The energy that the zone's thermostat will call for, hour by hour"""
     called = await _answer(view, body.horizon, _demand(view, body))
-    return answer(called.demand, site.id, view.id)
+    return called.demand
 
 
 @router.post(
@@ -160,20 +152,16 @@ async def site_demand(site: Here, caller: Asking, body: SiteDemandBody) -> Respo
     return answer(SiteDemand(body.horizon, summed, rows), site.id)
 
 
-@router.post(
-    "/zones/{zone}/what-if",
-    response_model=document_of(Comparison),
-    responses=documented(400, 404, 409, 422, 500, 503),
-    summary="What other plans of set-points change: energy, cost, hours below the set-point",
-)
-async def what_if(site: Here, view: Asked, body: WhatIfBody) -> Response:
+@zone_route(router, "POST /zones/{zone}/what-if", Comparison, also=(400, 409))
+async def what_if(site: Here, view: Asked, body: WhatIfBody) -> Comparison:
+    """What other plans of set-points change: energy, cost, hours below the set-point"""
     steps = _steps(view, body.horizon, len(body.plans))
     courses = [
         Course(one.name, _check(view, steps, one.T_set, f"field 'plans[{place}].T_set'"))
         for place, one in enumerate(body.plans)
     ]
     price = None if body.price is None else _check(view, steps, body.price, "field 'price'", limited=False)
-    return answer(await _answer(view, body.horizon, CompareQuestion(steps, courses, price)), site.id, view.id)
+    return await _answer(view, body.horizon, CompareQuestion(steps, courses, price))
 
 
 def _demand(view: ZoneView, body: DemandBody) -> DemandQuestion:

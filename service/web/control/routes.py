@@ -22,7 +22,7 @@ from service.records.fan import Fan
 from service.records.record import document, document_of, to_json, with_items
 from service.records.trust import Trust
 from service.web.access import Asking, find_zone
-from service.web.answering import answer, asked, json_answer, no_forecast
+from service.web.answering import asked, json_answer, no_forecast
 from service.web.control.answers import model_npz, zone_forecast
 from service.web.control.models import (
     ModelQuery,
@@ -34,7 +34,7 @@ from service.web.limits import LARGE
 from service.web.planned import inputs_of
 from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
-from service.web.site import Asked, Here
+from service.web.site import Asked, Here, zone_route
 
 NPZ = "application/x-npz"
 
@@ -70,17 +70,13 @@ async def model(
     return Response(await asyncio.to_thread(write, found, site.id, view.id), media_type=kind)
 
 
-@router.get(
-    "/zones/{zone}/trust",
-    response_model=document_of(Trust),
-    responses=documented(404, 422, 500, 503),
-    summary="How far a controller may rely on the zone's forecasts, horizon by horizon",
-)
-async def trust(site: Here, view: Asked) -> Response:
+@zone_route(router, "GET /zones/{zone}/trust", Trust)
+async def trust(site: Here, view: Asked) -> Trust:
+    """How far a controller may rely on the zone's forecasts, horizon by horizon"""
     found = view.now().trust
     if not found.horizons:
         raise no_forecast(view)
-    return answer(found, site.id, view.id)
+    return found
 
 
 @router.post(

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Query
 from pydantic import Field
 
 from service.forecast.answers import Room
 from service.forecast.room import Past, RoomQuestion
-from service.records.record import document_of
-from service.web.answering import answer, asked
+from service.web.answering import asked
 from service.web.models import Query as QueryModel
-from service.web.problems import documented
-from service.web.site import Asked, Here
+from service.web.site import Asked, Here, zone_route
 
 _DAY = 86400
 _POINTS = 48
@@ -30,15 +28,11 @@ class RoomQuery(QueryModel):
 router = APIRouter(prefix="/zones", tags=["zones"])
 
 
-@router.get(
-    "/{zone}/room",
-    response_model=document_of(Room),
-    responses=documented(404, 422, 500, 503),
-    summary="How the room does, what it is like, and what to do, in sentences",
-)
-async def room(site: Here, view: Asked, query: Annotated[RoomQuery, Query()]) -> Response:
+@zone_route(router, "GET /{zone}/room", Room)
+async def room(site: Here, view: Asked, query: Annotated[RoomQuery, Query()]) -> Room:
+    """How the room does, what it is like, and what to do, in sentences"""
     last = view.now().status.last_sample_time
     end = 0 if last is None else math.ceil(last + view.period)
     series = await view.series(end - query.days * _DAY, end, query.days * _POINTS + 1)
     question = RoomQuestion(Past.of(series), view.surroundings.floor_area, site.backend.time_zone)
-    return answer(await asked(view, question), site.id, view.id)
+    return await asked(view, question)

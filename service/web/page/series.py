@@ -7,19 +7,17 @@ from datetime import UTC, datetime
 from typing import Annotated
 
 import numpy as np
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Query
 from pydantic import Field
 
 from adapters.fields.times import utc
-from service.records.record import document_of
 from service.records.series import GAIN, Array, Series
 from service.records.view import ZoneView
-from service.web.answering import answer
 from service.web.models import Instant
 from service.web.models import Query as QueryModel
 from service.web.page.payloads import SeriesGain, SeriesInput, SeriesPayload
-from service.web.problems import documented, invalid
-from service.web.site import Asked, Here
+from service.web.problems import invalid
+from service.web.site import Asked, Here, zone_route
 
 MAX_POINTS = 2000
 DAY = 86400
@@ -41,13 +39,9 @@ _EARLIEST, _LATEST = (int(datetime(year, 1, 1, tzinfo=UTC).timestamp()) for year
 router = APIRouter(prefix="/zones", tags=["zones"])
 
 
-@router.get(
-    "/{zone}/series",
-    response_model=document_of(SeriesPayload),
-    responses=documented(404, 422, 500, 503),
-    summary="History in a bounded number of points, with the inputs: for charts",
-)
-async def series(site: Here, view: Asked, query: Annotated[SeriesQuery, Query()]) -> Response:
+@zone_route(router, "GET /{zone}/series", SeriesPayload)
+async def series(site: Here, view: Asked, query: Annotated[SeriesQuery, Query()]) -> SeriesPayload:
+    """History in a bounded number of points, with the inputs: for charts"""
     end = math.ceil(query.end.timestamp()) if query.end is not None else _end(view)
     start = math.ceil(query.start.timestamp()) if query.start is not None else end - DAY
     # Times that a time stamp can say, whatever is asked for.
@@ -55,7 +49,7 @@ async def series(site: Here, view: Asked, query: Annotated[SeriesQuery, Query()]
     if start >= end:
         raise invalid([f"start {utc(start):%Y-%m-%dT%H:%M:%SZ} is not before end {utc(end):%Y-%m-%dT%H:%M:%SZ}"])
     found = _payload(view, start, end, await view.series(start, end, query.points))
-    return answer(found, site.id, view.id)
+    return found
 
 
 def _payload(zone: ZoneView, start: int, end: int, series: Series) -> SeriesPayload:
