@@ -20,6 +20,7 @@ import pytest
 from support import schemas
 from support.all_metrics import exposed
 from support.harness import EXAMPLES, ROOT, Daemon
+from support.pages import TEXT, section, tables
 from support.zenoh_plant import endpoint
 
 import thermogate
@@ -66,9 +67,7 @@ from service.web.page import payloads as page_models
 from service.zone.aggregation import AGGREGATES, default_aggregate
 from service.zone.worker import STARTED
 
-DOCS = sorted((ROOT / "docs").glob("*.md"))
 PAGES = sorted(path for folder in (".", "docs/**", "deploy/**", "adapters/*") for path in ROOT.glob(f"{folder}/*.md"))
-TEXT = {path.name: path.read_text(encoding="utf-8") for path in DOCS}
 
 
 class Block(NamedTuple):
@@ -90,23 +89,6 @@ def blocks(language: str) -> list[Any]:
                 after = matches[index + 1][3] if index + 1 < len(matches) else ""
                 place = f"{name}:{text.count(chr(10), 0, match.start()) + 1}"
                 found.append(pytest.param(Block(place, language, match[1] or "", match[3], after), id=place))
-    assert found
-    return found
-
-
-def section(name: str, heading: str) -> str:
-    """The text under a heading, up to the next one."""
-    match = re.search(rf"^#+ {re.escape(heading)}\n(.*?)(?=^#+ |\Z)", TEXT[name], re.DOTALL | re.MULTILINE)
-    assert match, f"{name} has no heading {heading}"
-    return match[1]
-
-
-def tables(text: str) -> list[list[list[str]]]:
-    """Every table in `text`: rows of cells, the heading row first and without the ruler."""
-    found = []
-    for match in re.finditer(r"(?:^\|.*\|\n)+", text, re.MULTILINE):
-        rows = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in match[0].splitlines()]
-        found.append([[cell.strip("| ") for cell in row] for row in [rows[0], *rows[2:]]])
     assert found
     return found
 

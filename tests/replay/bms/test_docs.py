@@ -5,21 +5,13 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from pathlib import Path
 
 from support.bms_plant import Clock, ask, simulation
+from support.pages import TEXT, section, tables
 
 from replay.bms.faults import MENU, parse_spec
 
-TEXT = (Path(__file__).parents[3] / "docs" / "simulate-bms.md").read_text(encoding="utf-8")
 BASE = "http://127.0.0.1:5021"
-
-
-def table(heading: str) -> list[list[str]]:
-    section = re.search(rf"^## {heading}\n(.*?)(?=^## |\Z)", TEXT, re.DOTALL | re.MULTILINE)
-    assert section
-    lines = [line for line in section[1].splitlines() if line.startswith("|")]
-    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines[2:]]
 
 
 def test_the_menu_is_the_one_in_force() -> None:
@@ -33,19 +25,20 @@ def test_the_menu_is_the_one_in_force() -> None:
         ]
         for name, kind in MENU.items()
     ]
-    assert table("Faults") == shown
+    ((_, *rows),) = tables(section("simulate-bms.md", "Faults"))
+    assert rows == shown
 
 
 def test_fault_examples_are_faults_that_the_plant_can_have() -> None:
     plant = simulation(Clock())
-    examples = re.findall(r"--fault (\S+)", TEXT)
+    examples = re.findall(r"--fault (\S+)", TEXT["simulate-bms.md"])
     assert len(examples) >= 4
     for text in examples:
         plant.faults.add(parse_spec(text))
 
 
 def test_control_examples_work_one_after_the_other() -> None:
-    lines = [line for line in TEXT.splitlines() if line.startswith("curl ")]
+    lines = [line for line in TEXT["simulate-bms.md"].splitlines() if line.startswith("curl ")]
     assert len(lines) >= 5
     requests = []
     for line in lines:

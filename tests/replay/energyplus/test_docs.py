@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 from support.energyplus import needs_energyplus
+from support.harness import ROOT
+from support.pages import TEXT, section, tables
 
 from replay.energyplus.buildings import BUILDINGS
 from replay.energyplus.files import CONFIGURATION, HEAT_LOSS, RECORDING, TRUTH
@@ -15,43 +16,35 @@ from replay.energyplus.heating import HEATINGS
 from replay.energyplus.plant import Truth
 from replay.energyplus.weather import CITIES
 
-ROOT = Path(__file__).parents[3]
-TEXT = (ROOT / "docs" / "energyplus.md").read_text(encoding="utf-8")
+PAGE = TEXT["energyplus.md"]
 
 
-def tables(heading: str) -> list[list[list[str]]]:
-    """The rows of every table below `heading`."""
-    section = re.search(rf"^#+ {heading}\n(.*?)(?=^#+ |\Z)", TEXT, re.DOTALL | re.MULTILINE)
-    assert section
-    found = re.findall(r"(?:^\|.*\n)+", section[1], re.MULTILINE)
-    return [
-        [[cell.strip() for cell in line.strip("|").split(" | ")] for line in part.splitlines()[2:]] for part in found
-    ]
+def rows(heading: str) -> list[list[str]]:
+    """Those of the table below `heading`."""
+    (found,) = tables(section("energyplus.md", heading))
+    return found[1:]
 
 
 def test_buildings_rooms_and_heaters_are_those_in_force() -> None:
-    (rows,) = tables("The buildings")
-    for (name, what, rooms), building in zip(rows, BUILDINGS.values(), strict=True):
+    for (name, what, rooms), building in zip(rows("The buildings"), BUILDINGS.values(), strict=True):
         assert name == f"`{building.name}`"
         assert what.startswith(building.what)
         assert rooms == ", ".join(f"`{room.name}` {room.heater:g} W" for room in building.rooms)
-    assert all(f"`{city}`" in TEXT for city in CITIES)
+    assert all(f"`{city}`" in PAGE for city in CITIES)
 
 
 def test_ways_of_heating_are_those_in_force() -> None:
-    (rows,) = tables("Heating")
-    assert [row[0].strip("`") for row in rows] == [*HEATINGS]
+    assert [row[0].strip("`") for row in rows("Heating")] == [*HEATINGS]
 
 
 def test_files_are_those_in_force() -> None:
-    (files,) = tables("Recording one")
-    assert [row[0].strip("`") for row in files] == [RECORDING, CONFIGURATION, TRUTH, HEAT_LOSS]
-    assert all(f"`{name}`" in TEXT for name in Truth._fields)
+    assert [row[0].strip("`") for row in rows("Recording one")] == [RECORDING, CONFIGURATION, TRUTH, HEAT_LOSS]
+    assert all(f"`{name}`" in PAGE for name in Truth._fields)
 
 
 @needs_energyplus
 def test_the_example_runs() -> None:
-    (code,) = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, timeout=300, check=False, cwd=ROOT
     )
