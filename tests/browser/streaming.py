@@ -11,7 +11,6 @@ import json
 import statistics
 import sys
 import time
-import urllib.request
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,8 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from browser.screenshots import demo
 from integration.command import command
 from support.browser import browser, eventually
+from support.harness import ask
+from support.observed import resident_bytes
 
 PAGES = {"overview": "/", "room": "/#/zone/room1"}
 LOOKS = 20
@@ -80,14 +81,13 @@ def _stream(url: str, daemon: int, seconds: float) -> list[Look]:
 def _look(url: str, passed: int, sessions: dict[str, Any], daemon: int, thorough: bool) -> Look:
     for session in sessions.values():
         session.send("HeapProfiler.collectGarbage")
-    with urllib.request.urlopen(f"{url}/zones", timeout=60) as answer:
-        samples = sum(zone["samples"] for zone in json.load(answer)["zones"])
+    samples = sum(zone["samples"] for zone in ask(f"{url}/zones")[1]["zones"])
     return Look(
         passed,
         samples,
         {name: round(one.send("Runtime.getHeapUsage")["usedSize"] / 1e6, 2) for name, one in sessions.items()},
         {name: one.send("Memory.getDOMCounters")["nodes"] for name, one in sessions.items()},
-        round(_resident(daemon), 1),
+        round(resident_bytes(daemon) / 1e6, 1),
         {name: round(_held(one), 2) for name, one in sessions.items()} if thorough else {},
     )
 
@@ -107,12 +107,6 @@ def _held(session: Any) -> float:
     nodes, width = snapshot["nodes"], len(fields)
     types, sizes = nodes[fields.index("type") :: width], nodes[fields.index("self_size") :: width]
     return sum(size for kind, size in zip(types, sizes, strict=True) if kinds[kind] in HELD) / 1e6
-
-
-def _resident(pid: int) -> float:
-    """MB that the process holds in memory."""
-    lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
-    return next(int(line.split()[1]) * 1024 / 1e6 for line in lines if line.startswith("VmRSS:"))
 
 
 @dataclass

@@ -9,7 +9,9 @@ import time
 from pathlib import Path
 
 import pytest
+import tomli_w
 import yaml
+from support import sites
 from support.harness import ROOT, THERMOGATE, Daemon
 from support.home_assistant import HOME, clean
 from support.thermostat_house import recorded
@@ -21,47 +23,23 @@ from service.web.keys import Scope, create_key
 
 PERIOD = 600
 
-PLANT = """
-[site]
-id = "home"
-state_dir = STATE
+COLUMNS = ("T_i", "T_out", "u_heat", "setpoint")
 
-[sources.home-assistant]
-kind = "http"
 
-[[zones]]
-id = "living"
-period = "10min"
-# No posted reading becomes a sample while the test runs.
-lateness = "1h"
-network = "tite"
-estimator = "ekf"
-
-[zones.channels]
-T_i = { source = "home-assistant", unit = "degC" }
-T_out = { source = "home-assistant", unit = "degC" }
-u_heat = { source = "home-assistant", unit = "W", aggregate = "mean", installed = 6000 }
-
-[zones.setpoint]
-source = "home-assistant"
-unit = "degC"
-"""
-
-HISTORY = """
-[sources.past]
-kind = "csv"
-files = ["past.csv"]
-timestamp = { column = "time" }
-
-[[zones]]
-id = "living"
-setpoint = { source = "past", column = "setpoint", unit = "degC" }
-
-[zones.channels]
-T_i = { source = "past", column = "T_i", unit = "degC" }
-T_out = { source = "past", column = "T_out", unit = "degC" }
-u_heat = { source = "past", column = "u_heat", unit = "W" }
-"""
+def configured(folder: Path) -> tuple[Path, Path]:
+    """The configuration of a daemon that is posted to, and that of the history in past.csv."""
+    limit = {"u_heat": {"aggregate": "mean", "installed": 6000}}
+    keys = {"period": "10min", "estimator": "ekf", "setpoint": {"source": "home-assistant", "unit": "degC"}}
+    # No posted reading becomes a sample while the test runs.
+    zone = sites.zone("living", "home-assistant", limit, lateness="1h", **keys)
+    plant = sites.written(folder, {"home-assistant": {"kind": "http"}}, [zone], site={"id": "home"})
+    past = {"kind": "csv", "files": ["past.csv"], "timestamp": {"column": "time"}}
+    channels = {
+        name: {"source": "past", "column": name, "unit": "W" if name == "u_heat" else "degC"} for name in COLUMNS
+    }
+    zones = [{"id": "living", "setpoint": channels.pop("setpoint"), "channels": channels}]
+    (history := folder / "past.toml").write_text(tomli_w.dumps({"sources": {"past": past}, "zones": zones}))
+    return plant, history
 
 
 def record(file: Path, days: int) -> None:
@@ -70,7 +48,7 @@ def record(file: Path, days: int) -> None:
     begin = int(time.time()) // PERIOD * PERIOD - len(wanted) * PERIOD
     with file.open("w", newline="") as stream:
         rows = csv.writer(stream)
-        rows.writerow(["time", "T_i", "T_out", "u_heat", "setpoint"])
+        rows.writerow(["time", *COLUMNS])
         for k, ((indoor,), (outdoor, heat), setpoint) in enumerate(zip(outputs, inputs, wanted, strict=True)):
             stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(begin + k * PERIOD))
             rows.writerow([stamp, f"{indoor:.3f}", f"{outdoor:.3f}", f"{heat:.1f}", setpoint])
@@ -79,9 +57,7 @@ def record(file: Path, days: int) -> None:
 def test_the_integration_in_home_assistant(tmp_path: Path) -> None:
     if not (HOME / "bin" / "pytest").exists():
         pytest.skip("Home Assistant is not installed; make home-assistant installs it")
-    plant, history = tmp_path / "home.toml", tmp_path / "past.toml"
-    plant.write_text(PLANT.replace("STATE", json.dumps(str(tmp_path / "state"))))
-    history.write_text(HISTORY)
+    plant, history = configured(tmp_path)
     record(tmp_path / "past.csv", days=4)
     config = load_history(plant, history)
     learn(config, survey(config, None, None), jobs=1)

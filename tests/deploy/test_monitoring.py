@@ -5,7 +5,6 @@ import re
 import shutil
 import subprocess
 import urllib.parse
-import urllib.request
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import Any
 import pytest
 import yaml
 from support.all_metrics import exposed
-from support.harness import EXAMPLES, ROOT, Daemon
+from support.harness import EXAMPLES, ROOT, Daemon, ask
 from support.processes import Program, free_port
 
 DEPLOY = ROOT / "deploy"
@@ -106,8 +105,7 @@ def test_promtool_agrees(arguments: list[str]) -> None:
 
 
 def asked(address: str, path: str, **query: str) -> Any:
-    with urllib.request.urlopen(f"{address}{path}?{urllib.parse.urlencode(query)}", timeout=60) as answer:
-        return json.load(answer)["data"]
+    return ask(f"{address}{path}?{urllib.parse.urlencode(query)}")[1]["data"]
 
 
 @needs_prometheus
@@ -128,7 +126,8 @@ def test_prometheus_scrapes_a_daemon_without_keys_and_draws_the_dashboard(tmp_pa
         command, url = ["prometheus", *files, f"--web.listen-address={place}"], f"http://{place}"
 
         def scraped() -> bool:
-            with suppress(OSError):
+            # It begins with answers that are no JSON.
+            with suppress(OSError, ValueError):
                 return [row["value"][1] for row in asked(url, "/api/v1/query", query="up")["result"]] == ["1"]
             return False
 

@@ -10,7 +10,6 @@ import sys
 import sysconfig
 import tarfile
 import tomllib
-import urllib.request
 from configparser import ConfigParser
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from zipfile import ZipFile
 
 import pytest
 from support.harness import PACKAGES, ROOT, ask
-from support.processes import Program
+from support.processes import Program, fetch
 from support.waiting import PATIENCE
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -151,8 +150,7 @@ def test_the_demo_serves_its_page_and_forecasts_and_stops(installed: Path, tmp_p
     with Program(command, tmp_path / "log", env=where, cwd=tmp_path) as daemon:
         # Compiling every kernel first takes minutes on a busy machine.
         url = daemon.says(r"serving on (http://\S+)", 5 * PATIENCE)[1]
-        with urllib.request.urlopen(url, timeout=PATIENCE) as page:
-            assert "<title>Thermogate" in page.read().decode()
+        assert "<title>Thermogate" in fetch(url)[1]
 
         def forecast() -> Any:
             status, body = ask(f"{url}/zones/room1/forecast")

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import urllib.request
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from support.harness import THERMOGATE, ask
-from support.processes import Program
+from support.processes import Program, fetch
 
 
 class Bms(Program):
@@ -37,4 +36,4 @@ class Bms(Program):
 
     def mend(self) -> None:
         """End every fault."""
-        urllib.request.urlopen(urllib.request.Request(f"{self.control}/faults", method="DELETE"), timeout=180).close()
+        assert fetch(f"{self.control}/faults", method="DELETE")[0] == 204

@@ -5,15 +5,13 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any
-from urllib.error import HTTPError
-from urllib.request import urlopen
 
 from prometheus_client import CollectorRegistry
 from support.fake_zones import FakeZone, announced, make_update
+from support.processes import fetch
 from support.served import config
-from support.waiting import PATIENCE
 
 from service.forecast.ahead import LookingAhead
 from service.publish.events import Streams
@@ -47,8 +45,7 @@ class Building:
             self._thread.start()
         self._in_loop(self._open())
         # FastAPI prepares its routes at the first request, with filters of warnings that threads share.
-        with suppress(HTTPError):
-            urlopen(f"{self.url}/nowhere", timeout=PATIENCE)
+        fetch(f"{self.url}/nowhere")
 
     def offline(self) -> None:
         """Stop serving: connections break, and new ones are refused."""

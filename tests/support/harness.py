@@ -8,12 +8,10 @@ import os
 import signal
 import subprocess
 import sys
-import urllib.error
-import urllib.request
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
-from support.processes import Program
+from support.processes import Program, fetch
 from support.waiting import wait_until
 
 ROOT = Path(__file__).parents[2]
@@ -42,16 +40,11 @@ def overrides(settings: dict[str, object]) -> list[str]:
 def ask(
     url: str, content: bytes | None = None, key: str | None = None, timeout: float = 180, **headers: str
 ) -> tuple[int, dict]:
-    """Status and JSON body of the answer to a GET, or to a POST of `content`; `_` in the name of a header is `-`."""
-    sent = {name.replace("_", "-"): value for name, value in headers.items()}
+    """Status and JSON body of the answer to a GET, or to a POST of `content`; see `fetch`."""
     if key:
-        sent["Authorization"] = f"Bearer {key}"
-    try:
-        with urllib.request.urlopen(urllib.request.Request(url, content, sent), timeout=timeout) as answer:
-            return answer.status, json.load(answer)
-    except urllib.error.HTTPError as error:
-        with error:
-            return error.code, json.load(error)
+        headers["Authorization"] = f"Bearer {key}"
+    status, text = fetch(url, content, timeout=timeout, **headers)
+    return status, json.loads(text)
 
 
 class Daemon(Program):
@@ -76,8 +69,7 @@ class Daemon(Program):
     def text(self, path: str) -> str:
         """Body of a GET that is no JSON."""
         headers = {"Authorization": f"Bearer {self.key}"} if self.key else {}
-        with urllib.request.urlopen(urllib.request.Request(self.url() + path, headers=headers), timeout=180) as answer:
-            return answer.read().decode()
+        return fetch(self.url() + path, **headers)[1]
 
     def post(self, path: str, body: dict) -> tuple[int, dict]:
         """Status and JSON body of a POST."""

@@ -6,17 +6,14 @@ import json
 import os
 import subprocess
 import sys
-import urllib.error
 import urllib.parse
-import urllib.request
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
-from support.processes import Program, free_port
-from support.waiting import PATIENCE
+from support.processes import Program, fetch, free_port
 
 HOME = Path(os.environ.get("THERMOGATE_HOME_ASSISTANT", Path(sys.prefix) / "home-assistant"))
 """Where `make home-assistant` installs it."""
@@ -76,14 +73,12 @@ class HomeAssistant(Program):
         if body is not None:
             headers["Content-Type"] = "application/x-www-form-urlencoded" if form else "application/json"
             data = (urllib.parse.urlencode(body) if form else json.dumps(body)).encode()  # type: ignore[arg-type]
-        request = urllib.request.Request(self.url + path, data, headers)
-        try:
-            with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
-                text = answer.read().decode()
-                return json.loads(text) if answer.headers.get_content_subtype() == "json" else text
-        except urllib.error.HTTPError as error:
-            with error:
-                raise OSError(f"{path}: {error.code} {error.read()!r}; {self.log()}") from error
+        status, text = fetch(self.url + path, data, **headers)
+        if status >= 300:
+            raise OSError(f"{path}: {status} {text}; {self.log()}")
+        with suppress(ValueError):
+            return json.loads(text)
+        return text
 
     def own(self) -> None:
         """Become its owner."""

@@ -1,28 +1,21 @@
 """A real InfluxDB of a test's own."""
 
 import shutil
-import urllib.error
 import urllib.parse
-import urllib.request
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from support.processes import Program, free_port
-from support.waiting import PATIENCE, wait_until
+from support.processes import Program, fetch, free_port
+from support.waiting import wait_until
 
 
-def answer(request):
-    """What is answered to a request or at an address; None while it is refused."""
-    try:
-        with urllib.request.urlopen(request, timeout=PATIENCE) as found:
-            return found.read().decode() or "empty"
-    except urllib.error.HTTPError as error:
-        error.close()
-    except OSError:
-        pass
-    return None
+def answer(url, body=None):
+    """What is answered to a GET, or to a POST of `body`; None while it is refused."""
+    with suppress(OSError):
+        status, text = fetch(url, body)
+        return (text or "empty") if status < 300 else None
 
 
 @contextmanager
@@ -66,7 +59,6 @@ def server(folder, port):
 def post(table, path, parameters, body=b""):
     """What the server says; asked again while it refuses: a busy one may not know at once a database it has made."""
     login = {"u": table["user"], "p": "test-only"}
-    request = urllib.request.Request(f"{table['url']}{path}?{urllib.parse.urlencode(parameters | login)}", body)
-    said = wait_until(lambda: answer(request))
+    said = wait_until(lambda: answer(f"{table['url']}{path}?{urllib.parse.urlencode(parameters | login)}", body))
     assert "error" not in said, said
     return said

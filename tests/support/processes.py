@@ -7,6 +7,8 @@ import re
 import signal
 import socket
 import subprocess
+import urllib.error
+import urllib.request
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
@@ -26,6 +28,22 @@ def listens(port: int) -> bool:
     """Whether anybody accepts connections there."""
     with socket.socket() as attempt:
         return attempt.connect_ex(("127.0.0.1", port)) == 0
+
+
+def fetch(
+    url: str, content: bytes | None = None, method: str | None = None, timeout: float = PATIENCE, **headers: str
+) -> tuple[int, str]:
+    """Status and text of the answer to a GET, or to a POST of `content`; `_` in the name of a header is `-`. Raises
+    OSError where nobody answers."""
+    sent = {name.replace("_", "-"): value for name, value in headers.items()}
+    try:
+        with urllib.request.urlopen(
+            urllib.request.Request(url, content, sent, method=method), timeout=timeout
+        ) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, error.read().decode()
 
 
 class Program:
