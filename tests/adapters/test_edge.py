@@ -17,43 +17,11 @@ def powers(edge, rows, **settings):
     return [converter.reading(time, raw) for time, raw in rows]
 
 
-def test_scale_offset_and_unit_come_in_this_order():
-    edge = Edge(0.1, -50.0, conversion("degF", "degC"), (-60.0, 80.0))
-    reading = Converter("z/T", edge).reading(7.0, 1180.0)
-    assert reading[:2] == ("z/T", 7.0)
-    assert reading.value == pytest.approx(20.0)
-
-
-@pytest.mark.parametrize(("raw", "fault"), [(math.nan, Fault.NOT_FINITE), (81.0, Fault.OUT_OF_RANGE)])
-def test_what_cannot_be_believed_is_bad(raw, fault):
-    reading = Converter("z/T", Edge(valid=(-60.0, 80.0))).reading(0.0, raw)
-    assert (reading.quality, reading.fault, math.isnan(reading.value)) == (Quality.BAD, fault, True)
-
-
-@pytest.mark.parametrize(
-    ("value", "doubt"),
-    [
-        (21.5, None),
-        (1.8, "doubtful: usually 5 to 40 here; if it is right, give valid"),
-        (81.0, "implausible: not within -60 to 80"),
-        (math.inf, "not a number"),
-    ],
-)
-def test_what_is_unusual_is_doubted(value, doubt):
-    assert Edge(valid=(-60.0, 80.0), usual=(5.0, 40.0)).doubt(value) == doubt
-
-
 def test_a_counter_becomes_the_mean_power_of_every_stretch():
     nothing, first, second = powers(KWH, [(0.0, 100.0), (900.0, 100.5), (1800.0, 100.5)])
     assert nothing is None, "one stand of a counter is no power"
     assert (first.time, first.value) == (0.0, 2000.0)
     assert (second.time, second.value) == (900.0, 0.0)
-
-
-def test_live_power_is_dated_when_it_is_known():
-    _, reading = powers(KWH, [(0.0, 100.0), (10.0, 100.01)], dated_at_start=False)
-    assert reading.time == 10.0
-    assert reading.value == pytest.approx(3600.0)
 
 
 def test_a_counter_that_rolls_over_goes_on_counting():
@@ -72,11 +40,6 @@ def test_a_counter_that_is_reset_is_no_huge_power(rollover, before, after):
     *_, reset, next_one = powers(edge, [(0.0, before), (600.0, after), (1200.0, after + 0.5)])
     assert (reset.quality, reset.fault) == (Quality.BAD, Fault.COUNTER_RESET)
     assert next_one.value == pytest.approx(0.5 * 3.6e6 / 600), "it counts on from the new stand"
-
-
-def test_a_jump_forward_of_a_counter_is_out_of_range():
-    *_, reading = powers(KWH, [(0.0, 100.0), (600.0, 1e6)])
-    assert reading.fault is Fault.OUT_OF_RANGE
 
 
 def test_nothing_is_made_of_a_stretch_that_is_too_long_or_runs_backwards():

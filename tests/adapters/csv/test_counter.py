@@ -31,10 +31,6 @@ def powers(csv_source, start=None):
 ROWS = "0,10,1\n900,10.5,1\n1800,10.5,1\n2700,,1\n3600,11.5,1\n"
 
 
-def test_it_counts_on_from_file_to_file(tmp_path):
-    assert powers(source(tmp_path, "0,10,1\n", "900,10.5,1\n")) == [(0.0, 2000.0)]
-
-
 def test_a_start_in_the_middle_has_the_power_from_there_on(tmp_path):
     assert powers(source(tmp_path, ROWS), 900.0) == [(900.0, 0.0), (1800.0, 2000.0)]
 

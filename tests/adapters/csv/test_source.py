@@ -4,7 +4,7 @@ import os
 import threading
 import time
 from datetime import UTC, datetime
-from math import inf, isnan, nan
+from math import isnan, nan
 
 import pytest
 from support.sources import recording
@@ -106,21 +106,32 @@ def test_columns_are_summed_then_scaled_then_converted(tmp_path):
     ]
 
 
-def test_each_bad_cell_is_delivered_with_its_fault_and_missing_ones_not_at_all(tmp_path):
-    lines = ["t,T", "0,20", "10,broken", "20,nan", "30,-inf", "40,81", "50,", "60,NA", "70,21"]
+CELLS = {
+    ".": {"20": 20.0, " 21.5 ": 21.5, "-1e3": Fault.OUT_OF_RANGE, "81": Fault.OUT_OF_RANGE, "80": 80.0, "": None}
+    | dict.fromkeys(("NA", "n/a", "NULL", "None", "-", "  "))
+    | dict.fromkeys(("nan", "-inf", "1e999"), Fault.NOT_FINITE)
+    | dict.fromkeys(("broken", "1_000", "21,5", "21.5 C"), Fault.NON_NUMERIC),
+    ",": {"21,5": 21.5, "-3": -3.0, "1.234": Fault.NON_NUMERIC, "1.234,5": Fault.NON_NUMERIC},
+}
+
+
+@pytest.mark.parametrize("decimal", CELLS)
+def test_each_bad_cell_is_delivered_with_its_fault_and_missing_ones_not_at_all(tmp_path, decimal):
+    lines = ["t;T", *(f"{second};{cell}" for second, cell in enumerate(CELLS[decimal]))]
     path = write(tmp_path / "a.csv", "\n".join(lines))
     channel = {"id": "z/T", "column": "T", "unit": "degC"}
-    got = readings(source(path, channels=[channel], format="epoch"))
-    assert [(reading.time, reading.fault) for reading in got] == [
-        (0.0, None),
-        (10.0, Fault.NON_NUMERIC),
-        (20.0, Fault.NOT_FINITE),
-        (30.0, Fault.NOT_FINITE),
-        (40.0, Fault.OUT_OF_RANGE),
-        (70.0, None),
-    ]
+    layout = {"delimiter": ";", "decimal": decimal, "format": "epoch"}
+    got = readings(source(path, channels=[channel], **layout))
+    assert {reading.time: reading.fault or reading.value for reading in got} == {
+        float(second): expected for second, expected in enumerate(CELLS[decimal].values()) if expected is not None
+    }
     for reading in got:
         assert isnan(reading.value) == (reading.quality is Quality.BAD) == (reading.fault is not None)
+    # A number that stands alone is read by a shorter way, which has to agree.
+    for cell, expected in CELLS[decimal].items():
+        path.write_text(f"t;T\n0;{cell}\n")
+        alone = [one.fault or one.value for one in readings(source(path, channels=[channel], **layout))]
+        assert alone == ([] if expected is None else [expected])
 
 
 @pytest.mark.parametrize(
@@ -135,14 +146,6 @@ def test_a_refused_timestamp_is_one_fault_per_channel_where_it_stands(tmp_path, 
     assert [(reading.channel, reading.fault) for reading in refused] == [("z/T", fault), ("z/U", fault)]
     assert all(isnan(reading.time) and isnan(reading.value) for reading in refused)
     assert len(last.readings) == 2
-
-
-def test_a_file_without_any_usable_timestamp_only_counts(tmp_path):
-    garbage = write(tmp_path / "a.csv", "t,T\nx,1\ny,2\n")
-    paced = batches(source(garbage, pace=1.0))
-    assert [(len(batch.readings), batch.now) for batch in paced] == [(2, -inf)]
-    good = write(tmp_path / "b.csv", "t,T\n1970-01-01T00:00:10Z,1\n")
-    assert [batch.now for batch in batches(source(good, garbage))] == [10.0, 10.0]
 
 
 def test_rows_of_one_file_are_ordered_by_time_and_equal_times_keep_their_order(tmp_path):

@@ -103,15 +103,3 @@ def test_what_is_no_database_of_home_assistant_is_refused_in_a_sentence(tmp_path
         assert sentence in problem
         with pytest.raises(error, match=sentence):
             readings(tmp_path / name, ROOM)
-
-
-def test_probe_shows_the_newest_value(tmp_path):
-    path = database(tmp_path / "db", [(0, "sensor.room", "20"), (60, "sensor.room", "21.5"), (70, "a.b", "1")])
-    (probe,) = asyncio.run(source(path, ROOM).probe(1.0))
-    assert (probe.place, probe.raw, probe.value, probe.time, probe.verdict) == (
-        "sensor.room",
-        "21.5",
-        21.5,
-        BEGIN + 60,
-        "good",
-    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from math import inf
 from typing import Any
 
@@ -76,11 +75,6 @@ def test_a_pack_of_senml() -> None:
     assert [reading.fault for reading in readings[1:]] == [Fault.WRONG_UNIT, Fault.NON_NUMERIC, Fault.NOT_AVAILABLE]
 
 
-def test_a_relative_time_of_senml_counts_from_now() -> None:
-    (one,) = from_senml({"n": "roof", "v": 5, "t": -30}, NOW)
-    assert one.time == NOW - 30
-
-
 @pytest.mark.parametrize(
     ("posted", "fault"),
     [
@@ -99,11 +93,6 @@ def test_faults(posted: Posted, fault: Fault | None) -> None:
     assert reading.fault is fault
     assert (reading.quality is Quality.BAD) == (fault is not None)
     assert reading.time <= NOW + 10
-
-
-def test_a_value_without_a_time_is_of_now() -> None:
-    (reading,) = source(ROOF).receive([Posted("roof", 5.0)], None, NOW).readings
-    assert reading == Reading("office/T_out", NOW, 5.0)
 
 
 def test_counts_become_power_in_the_order_of_their_times_and_once() -> None:
@@ -143,23 +132,6 @@ def test_a_channel_that_stays_through_a_reload_remembers_its_counter() -> None:
     assert meter.receive([Posted("office", 11.0, NOW, "u_heat")], None, NOW).used == frozenset()
 
 
-def test_a_value_that_does_not_move_is_stuck(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = [0.0]
-    monkeypatch.setattr("adapters.edge.monotonic", lambda: clock[0])
-    stuck = source(ROOF | {"stuck_after": 10.0})
-    qualities = []
-    for seconds in (0.0, 9.0, 10.0, 20.0):
-        clock[0] = seconds
-        (reading,) = stuck.receive([Posted("roof", 5.0, NOW + seconds)], None, NOW + seconds).readings
-        qualities.append((reading.quality, reading.fault))
-    assert qualities == [
-        (Quality.GOOD, None),
-        (Quality.GOOD, None),
-        (Quality.UNCERTAIN, None),
-        (Quality.BAD, Fault.STUCK),
-    ]
-
-
 async def test_its_batches_say_that_something_came_and_its_probe_where_to_look() -> None:
     posted_to = source(ROOF)
     batches = posted_to.batches(None)
@@ -174,11 +146,6 @@ async def test_its_batches_say_that_something_came_and_its_probe_where_to_look()
     assert "GET /zones/office" in probe.verdict
     assert posted_to.check() == []
     await posted_to.close()
-
-
-def test_json_of_the_documentation_is_what_senml_reads() -> None:
-    document = json.loads('[{"bn": "office/", "bt": 1768478400, "n": "T_i", "u": "Cel", "v": 21.5}]')
-    assert list(from_senml(document, NOW)) == [Posted("office/T_i", 21.5, 1768478400.0, unit="degC")]
 
 
 def test_a_name_is_shown_on_one_line_and_not_in_full() -> None:

@@ -8,7 +8,6 @@ import json
 import pytest
 from support.sources import bound, source_table
 
-from adapters.messages import inbox as module
 from adapters.messages import subscribed
 from adapters.messages.dating import Dating
 from adapters.messages.inbox import LONGEST_PAYLOAD, MOST_BYTES, MOST_BYTES_OF_ONE, Inbox, Incoming
@@ -121,19 +120,3 @@ def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered_meanw
         assert turns >= 240
 
     asyncio.run(run())
-
-
-def test_the_readings_of_one_message_are_delivered_in_pieces() -> None:
-    payload = json.dumps([{"n": "T", "v": 20}] * 1800).encode()
-    source = SubscribedSource("bms", TABLE, [bound(TABLE, "room/T", key="k", format="senml")], TABLE.times, "key")
-
-    async def run() -> list[int]:
-        inbox = Inbox(["k"], 1000)
-        inbox.put("k", came("k", payload))
-        return [len(batch.readings) async for batch in source._taken(inbox)]
-
-    assert asyncio.run(run()) == [500, 500, 500, 300]
-
-
-def test_the_longest_payload_fits() -> None:
-    assert LONGEST_PAYLOAD <= module.MOST_BYTES_OF_ONE <= MOST_BYTES

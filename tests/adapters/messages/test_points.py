@@ -8,7 +8,7 @@ from support.sources import bound, source_table
 
 from adapters.messages.dating import Dating
 from adapters.messages.inbox import Incoming
-from adapters.messages.points import MessageChannel, MessageChannels, probed
+from adapters.messages.points import MessageChannels
 from adapters.reading import Fault, Quality, Reading
 
 NOW = 1_772_000_000.0
@@ -69,16 +69,6 @@ def test_a_clock_that_is_set_back_before_the_session_is_opened_anew_silences_nob
     assert times(taken, *(came(minute) for minute in minutes)) == minutes
 
 
-def test_a_clock_that_is_set_back_after_the_session_was_opened_anew_silences_nobody() -> None:
-    taken = channels(PLAIN)
-    readings(taken, came(NOW + AHEAD))
-    taken.start_again()
-    assert times(taken, came(NOW)) == [NOW]
-    # Neither when the clock reaches the wrong time again, nor in later sessions.
-    late = NOW + AHEAD + 1
-    assert times(taken, came(late)) == [late]
-
-
 def test_what_waited_at_the_broker_after_the_clock_was_set_back_counts() -> None:
     taken = channels(DATED)
     readings(taken, dated(NOW + AHEAD, NOW + AHEAD))
@@ -96,13 +86,6 @@ def test_a_counter_counts_on_after_the_clock_was_set_back() -> None:
     assert [(reading.time, reading.value) for reading in found] == [(NOW + 60, 10.0), (NOW + 120, 20.0)]
 
 
-def test_a_retained_value_without_a_time_is_passed_over_even_after_the_clock_was_set_back() -> None:
-    taken = channels(PLAIN)
-    readings(taken, came(NOW + AHEAD))
-    taken.start_again()
-    assert readings(taken, came(NOW, retained=True)) == []
-
-
 def test_a_retained_value_with_a_relative_time_is_one_without_a_time() -> None:
     taken = channels(SENML)
     (first,) = readings(taken, came(NOW, RELATIVE, retained=True))
@@ -113,25 +96,9 @@ def test_a_retained_value_with_a_relative_time_is_one_without_a_time() -> None:
     assert readings(taken, came(NOW + AHEAD, RELATIVE, retained=True)) == []
 
 
-def test_a_retained_counter_with_a_relative_time_makes_no_power() -> None:
-    taken = channels(SENML | COUNTER)
-    assert readings(taken, came(NOW, RELATIVE, retained=True), came(NOW + 60, RELATIVE)) == []
-
-
 def test_a_relative_time_counts_from_a_stamp_if_there_is_one() -> None:
     stamped = came(NOW, RELATIVE)._replace(stamp=NOW - 30)
     assert times(channels(SENML), stamped) == [NOW - 32]
-
-
-def test_probe_does_not_tell_the_age_of_a_retained_value_with_a_relative_time() -> None:
-    found = probed(
-        MessageChannel(bound(TABLE, **SENML), 900.0),
-        Dating(("payload", "arrival")),
-        [came(NOW, RELATIVE, retained=True)],
-        "nothing came",
-    )
-    assert found.time is None
-    assert "its age is not known" in found.hints[0]
 
 
 def test_records_of_a_pack_are_put_in_order() -> None:

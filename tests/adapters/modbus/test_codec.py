@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from adapters.modbus.codec import ORDERS, Format, decode, is_available, other_orders
+from adapters.modbus.codec import ORDERS, Format, decode, is_available
 
 # Number, type, and its registers in the four orders.
 TABLE = [
@@ -51,15 +51,6 @@ def test_a_bit_of_a_register_counts_from_the_least_significant(bit, value):
     assert decode([0b1000_0000_0000_0101], Format("bool", "ABCD", bit)) == value
 
 
-def test_a_bit_of_a_register_with_swapped_bytes():
-    assert decode([0x0100], Format("bool", "BADC", 0)) == 1
-    assert decode([0x0100], Format("bool", "ABCD", 0)) == 0
-
-
-def test_a_register_as_bool_is_whether_it_is_not_zero():
-    assert [decode([word], Format("bool")) for word in (0, 1, 0x0200)] == [0, 1, 1]
-
-
 @pytest.mark.parametrize(
     ("registers", "format", "available"),
     [
@@ -77,13 +68,6 @@ def test_a_register_as_bool_is_whether_it_is_not_zero():
 )
 def test_values_that_stand_for_none(registers, format, available):
     assert is_available(words(registers), format) is available
-
-
-def test_other_orders_are_those_that_give_another_finite_number():
-    swapped = other_orders(words("0000 41AC"), Format("float32"))
-    assert swapped["CDAB"] == 21.5
-    assert set(swapped) <= {"CDAB", "BADC", "DCBA"}
-    assert other_orders(words("0000"), Format("int16")) == {}
 
 
 @pytest.mark.parametrize(

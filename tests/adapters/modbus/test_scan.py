@@ -48,15 +48,6 @@ def test_every_table_and_unit_is_looked_at_and_silence_is_said():
     assert found.remarks == ["unit 2: no answer within 0.3 s"]
 
 
-def test_bits_and_tables_that_are_not_there():
-    found = scan(plant(coil=[0b101], holding=[1]), Scan(registers=(0, 2), tables=("coil", "holding")))
-    assert [(row["table"], row["register"], row["int16"]) for row in cells(found)][:3] == [
-        ("coil", "0", "1"),
-        ("coil", "1", "0"),
-        ("coil", "2", "1"),
-    ]
-
-
 def test_what_is_refused_is_narrowed_down():
     site = plant({1: list(range(100, 116))})
     site.refused |= {(1, "holding", 5), (1, "holding", 6)}

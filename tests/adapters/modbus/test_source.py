@@ -80,6 +80,15 @@ def test_a_poll_reads_in_batches_or_one_by_one():
     assert run(job(batch=False)) == [(0, 1), (1, 1), (2, 1), (9, 1), (30, 1)]
 
 
+@pytest.mark.parametrize(("registers", "requests"), [(125, [(0, 61)]), (2, [(0, 31), (60, 1)])])
+async def test_bits_count_for_a_sixteenth_of_a_register(registers, requests):
+    async with serving(plant(coil=[1] * 80)) as site:
+        coils = [channel(f"c{k}", 30 * k, "bool", table="coil") for k in range(3)]
+        bms = source(site.port, coils, fill_gaps=2, max_registers=registers)
+        await collect(bms, lambda batches: len(values(batches)) == 3)
+        assert site.requests() == requests
+
+
 async def test_a_refused_register_loses_its_channel_only_and_is_found_once(caplog):
     site = plant(holding=list(range(100, 120)))
     site.refused.add((1, "holding", 5))

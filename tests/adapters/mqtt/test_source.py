@@ -122,16 +122,6 @@ async def test_what_has_a_time_waits_at_the_broker_and_what_has_none_does_not(
         assert again.values("room/u") == [], "it would be dated wrongly"
 
 
-async def test_where_the_arrival_is_asked_for_all_the_same_it_waits_too(running: Mosquitto, party: Party) -> None:
-    watched = source(running.port, T, qos=1)
-    async with listening(watched) as heard:
-        await heard.until(lambda: heard.batches)
-    party.put(TOPIC, "19", qos=1)
-    async with listening(watched) as again:
-        await again.until(again.values)
-        assert again.values() == [19.0]
-
-
 async def test_without_a_session_nothing_waits(running: Mosquitto, party: Party) -> None:
     watched = source(running.port, DATED, session=0)
     async with listening(watched) as heard:
@@ -257,13 +247,6 @@ async def test_a_scan_lists_every_topic_and_its_numbers(running: Mosquitto, part
         (TOPIC, "-", "20.5", "retained"),
     ]
     assert found.remarks == ["topics without a number: 1 (home/meter)"]
-
-
-async def test_a_scan_of_a_silent_broker_says_so(tmp_path: Path) -> None:
-    with broker(tmp_path) as silent:
-        found = await searching(silent.port).scan(Scan(seconds=0.5))
-        assert found.rows == [("topic", "pointer", "number", "came")]
-        assert found.remarks == ["nothing came within 0.5 s, and nothing was retained; listen for longer"]
 
 
 async def test_the_status_of_the_source_is_told_where_it_is_wanted(running: Mosquitto) -> None:

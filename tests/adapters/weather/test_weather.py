@@ -157,16 +157,6 @@ def test_a_csv_file_says_what_is_wrong_with_it(tmp_path: Path) -> None:
     assert "has no column 'T'" in problem
 
 
-def test_a_json_file_is_issued_when_it_was_written(tmp_path: Path) -> None:
-    path = tmp_path / "forecast.json"
-    path.write_bytes(written())
-    os.utime(path, (NOON, NOON))
-    assert first(json_file("outlook", path, 60)).issued == NOON
-    path.write_bytes(b"{}")
-    with pytest.raises(SourceUnavailable, match=r"weather.outlook: the document has no series"):
-        first(json_file("outlook", path, 60))
-
-
 class _Service(http.server.BaseHTTPRequestHandler):
     answers: ClassVar[list[tuple[int, bytes]]] = []
 
@@ -252,8 +242,3 @@ def test_a_document_on_zenoh_that_is_too_long_or_deleted_is_told(document: bytes
         pytest.raises(SourceUnavailable, match=rf"^weather.outlook: the document on site/weather {said}$"),
     ):
         first(source)
-
-
-def test_a_zenoh_key_that_is_none_is_named() -> None:
-    source = HeardForecasts("outlook", SessionConfig(mode="client", connect=["tcp/127.0.0.1:1"]), "site//weather")
-    assert source.check()[0].startswith("weather.outlook.key: ")
