@@ -139,22 +139,6 @@ def test_what_is_learned_of_an_hour_counts_for_the_hours_after_it():
         assert (day_ahead > 0.6) == (sharing > 0.0), "no forecast of a whole day has come true yet"
 
 
-def test_members_that_err_to_both_sides_share_the_weight():
-    bank = bank_of({"cold": SomeForecaster(-0.4, -0.4, NOISE), "warm": SomeForecaster(0.4, 0.4, NOISE)})
-    state, _, _ = played(bank, samples(600))
-    np.testing.assert_allclose(bank.member_weights(state)["cold"], 0.5, atol=0.3)
-
-
-def test_before_anything_is_verified_the_prior_rules():
-    members = {"first": SomeForecaster(0.0, 0.0, NOISE), "second": SomeForecaster(0.0, 0.0, NOISE)}
-    named = {
-        name: Member("mkf", NETWORK, None, prior) for name, prior in (("first", (3.0,) * 4), ("second", (1.0,) * 4))
-    }
-    bank = Bank(NETWORK, PERIOD, BankOptions(members=named, voice="first"), members)
-    state = bank.start(1, np.array([20.0]), np.array([5.0, 300.0]))
-    np.testing.assert_allclose(bank.member_weights(state)["first"], 0.75)
-
-
 @pytest.mark.parametrize("factor", [1 / 3, 3.0])
 def test_the_published_interval_covers_what_it_claims_though_the_members_do_not(factor):
     bank = bank_of({"only": SomeForecaster(0.0, 0.0, factor * NOISE)})
@@ -224,12 +208,6 @@ def test_a_member_that_is_lost_before_the_first_forecast_is_issued_is_started_an
     assert bank.update(bank.predict(after, np.array([5.0, 300.0])), np.array([20.0])).state.members[1].restarts == 4
 
 
-@pytest.mark.parametrize(("minutes", "hours"), [(1, 6), (15, 6), (30, 6), (60, 6), (120, 6), (720, 12)])
-def test_members_are_compared_six_hours_ahead_whatever_the_period(minutes, hours):
-    bank = bank_of({"one": SomeForecaster(0.0, 0.0, NOISE)}, period=60.0 * minutes)
-    assert bank.leads[bank.compared] * minutes == 60 * hours
-
-
 def test_a_plan_of_heating_is_answered_by_members_with_physics():
     members = {"physical": SomeForecaster(0.0, 1.0, NOISE), "blind": SomeForecaster(0.0, -1.0, NOISE)}
     members["blind"].physical = False
@@ -245,14 +223,6 @@ def test_a_plan_of_heating_is_answered_by_members_with_physics():
     assert state.lost.sum() == 0.0, "asking changes nothing"
     alone = members["physical"].start(1, np.array([20.0]), plan[0])
     assert answering_plan(members["physical"], alone) is alone
-
-
-def test_a_bank_without_physics_answers_a_plan_as_it_can():
-    members = {"blind": SomeForecaster(0.0, -1.0, NOISE)}
-    members["blind"].physical = False
-    bank = bank_of(members)
-    state, _, _ = played(bank, samples(5))
-    assert answering_plan(bank, state) is state
 
 
 def test_a_wild_member_does_not_spoil_the_first_forecasts_and_is_heard_once_it_has_proved_itself():
@@ -380,16 +350,6 @@ def test_members_may_differ_in_their_network():
     assert np.isfinite(bank.predictive(posterior.state).sd()).all()
     with pytest.raises(OptionsError, match=r"members.ground.network = 'moon' must be one of own, ground"):
         small_bank(members={"ground": {"estimator": "mkf", "network": "moon"}})
-
-
-def test_time_constants_are_those_of_as_many_nodes():
-    free = {"estimator": "mkf", "preset": "free", "particles": 24}
-    bank = small_bank(members={"own": free, "layers": free | {"network": "two-layers"}})
-    state, middle = started(bank), np.array([0.5])
-    member = bank.members[0].parameters(state.members[0], middle).time_constants
-    np.testing.assert_allclose(bank.parameters(state, middle).time_constants, member, rtol=0.3)
-    layered = small_bank(members={"layers": free | {"network": "two-layers"}})
-    assert layered.parameters(started(layered), middle).time_constants.shape == (2, 1)
 
 
 def test_parameters_are_uncertain_where_the_members_disagree():

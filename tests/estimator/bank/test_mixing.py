@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.bank.mixing import mixed, mixed_futures, stretched
+from estimator.bank.mixing import mixed, mixed_futures
 from estimator.types import Mixture, Mixtures
 
 FAR = 1e6
@@ -17,28 +17,12 @@ def shares(*values):
     return np.array(values) / sum(values)
 
 
-def test_without_a_bound_it_is_the_weighted_mixture():
-    whole = mixed([gaussian(18.0, 0.5), gaussian(24.0)], shares(3, 1), 1.0)
-    assert whole.mean()[0] == pytest.approx(19.5)
-    assert whole.sd()[0] == pytest.approx(np.sqrt(0.75 * 0.25 + 0.25 + 0.75 * 2.25 + 0.25 * 20.25))
-
-
 @pytest.mark.parametrize("reach", [0.0, 1.0, 3.0])
 def test_a_wild_member_goes_as_far_as_the_reach(reach):
     parts = [gaussian(20.0), gaussian(20.5), gaussian(80.0, 9.0)]
     whole = mixed(parts, shares(1, 1, 1), 1.0, reach)
     np.testing.assert_allclose(whole.means[0], [max(20.0, 20.5 - reach), 20.5, 20.5 + reach])
     np.testing.assert_array_equal(whole.sds[0], [1.0, 1.0, 9.0])
-
-
-def test_the_middle_of_two_that_weigh_the_same_is_between_them():
-    whole = mixed([gaussian(20.0), gaussian(21.0)], shares(0.1 + 0.2, 0.3), 1.0, 0.0)
-    np.testing.assert_allclose(whole.means[0], 20.5)
-
-
-def test_a_member_without_weight_is_not_in_it():
-    lost = Mixture(np.ones(1), np.array([[np.nan]]), np.array([[np.nan]]))
-    np.testing.assert_array_equal(mixed([gaussian(20.0), lost], np.array([1.0, 0.0]), 2.0, 1.0).means, [[20.0]])
 
 
 def test_every_lead_and_output_has_a_middle_of_its_own():
@@ -62,11 +46,3 @@ def test_every_lead_and_output_has_a_middle_of_its_own():
             np.testing.assert_allclose(whole.sds[lead, output], one.sds[0])
     middle = mixed(own, weights[:, 0], 1.0, 0.0)
     assert np.unique(middle.mean()).size == 1
-
-
-def test_a_mixture_is_stretched_about_its_mean():
-    before = mixed([gaussian(18.0, 0.5), gaussian(24.0)], shares(3, 1), 1.0, FAR)
-    after = stretched(before, 2.0)
-    assert after.mean()[0] == pytest.approx(before.mean()[0])
-    assert after.sd()[0] == pytest.approx(2.0 * before.sd()[0])
-    np.testing.assert_allclose(mixed([gaussian(18.0, 0.5), gaussian(24.0)], shares(3, 1), 2.0, FAR).means, after.means)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from support.small_building import DAY, room
 
-from estimator.errors import OptionsError
 from estimator.network.presets import network
 from estimator.registry import build
 
@@ -164,8 +163,3 @@ def test_a_blind_one_asks_for_no_input_to_come_and_foresees_what_goes_by_the_clo
     own, held = errors_of(make(blind=True), outputs, inputs, 12, after=10 * DAY)
     knowing, _ = errors_of(make(), outputs, inputs, 12, after=10 * DAY)
     assert np.mean(knowing**2) < np.mean(own**2) < np.mean(held**2)
-
-
-def test_whether_it_is_blind_is_yes_or_no():
-    with pytest.raises(OptionsError, match="blind = 1 must be true or false"):
-        make(blind=1)

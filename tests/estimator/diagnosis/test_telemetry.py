@@ -16,7 +16,7 @@ from estimator.diagnosis.finding import (
     Finding,
 )
 from estimator.diagnosis.telemetry.lies import Suspicion, among, looked
-from estimator.diagnosis.telemetry.recent import nothing_recent, slot, until, with_measured
+from estimator.diagnosis.telemetry.recent import nothing_recent, with_measured
 from estimator.network.presets import network
 from tests.support.thermostat_house import recorded
 
@@ -123,11 +123,3 @@ def test_a_finding_names_the_channel_and_takes_the_place_of_the_last_one():
     ]
     assert NETWORK.inputs[1] in findings[1].sentence
     assert among(findings, NETWORK, ()) == (about_model,)
-
-
-def test_a_slot_has_the_mean_of_its_inputs_and_the_output_that_leaps_farthest():
-    recent = with_measured(nothing_recent(1, 60), 3000, 20.0, np.array([0.0]))
-    for minute, heat in enumerate([0.0, 100.0, np.nan, 200.0]):
-        recent = with_measured(recent, 3600 + 60 * minute, [20.1, 28.0, np.nan, 20.0][minute], np.array([heat]))
-    assert until(recent, 3600 + slot(recent))[-1] == pytest.approx([28.0, 100.0])
-    assert np.isnan(until(recent, 3000)).all()

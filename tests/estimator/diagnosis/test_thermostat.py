@@ -81,27 +81,6 @@ def test_the_laws_are_fitted_once_a_day_and_zones_take_turns():
     assert len(told(samples[: DAY // 2 + 60], seed=0).laws.column) == 0
 
 
-def test_what_is_known_survives_a_checkpoint_with_the_same_bits():
-    thermostat = told(BEFORE)
-    again = unpack(pack(thermostat), 2)
-    for one, other in zip([*thermostat.memory, *thermostat.laws], [*again.memory, *again.laws], strict=True):
-        assert one.tobytes() == other.tobytes()
-    onwards = [
-        with_sample(
-            each,
-            HOUSE,
-            len(BEFORE) * PERIOD,
-            PERIOD,
-            setpoint=20.0,
-            temperature=20.0,
-            inputs=np.zeros(2),
-            seed=3,
-        )
-        for each in (thermostat, again)
-    ]
-    assert onwards[0].memory.times.tobytes() == onwards[1].memory.times.tobytes()
-
-
 def test_a_state_from_before_there_was_a_thermostat_is_resumed_without_one():
     assert not len(unpack({}, 2).memory.times)
     assert not len(unpack(pack(told(BEFORE)), 3).memory.times), "another number of inputs"

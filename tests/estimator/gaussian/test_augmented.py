@@ -7,7 +7,6 @@ import pytest
 from support.small_building import PERIOD, TRUTH, building, known, record, textbook_kalman
 
 from estimator.gaussian.square_root import Gaussian, condition_on, scalar_update, triangular_root
-from estimator.network.network import NetworkError
 from estimator.network.presets import network
 from estimator.registry import build
 from estimator.types import Outcome
@@ -174,14 +173,6 @@ def test_a_fan_is_step_after_step(name):
     assert fan.at(30).mean() == pytest.approx(estimator.predictive(state).mean(), rel=1e-9)
 
 
-def test_the_drawn_start_lies_in_the_box_and_depends_on_the_seed():
-    estimator = build("ekf", building(), PERIOD, {"initial": "drawn"})
-    first, second = (estimator.start(seed, np.array([20.0]), np.array([5.0, 0.0])).mean[2:] for seed in (1, 2))
-    assert (first != second).all()
-    for parameter, value in zip(building().parameters, np.exp(first), strict=True):
-        assert parameter.lower < value < parameter.upper
-
-
 def test_a_square_root_update_is_the_textbook_one():
     rng = np.random.default_rng(1)
     root = rng.standard_normal((6, 6))
@@ -194,8 +185,3 @@ def test_a_square_root_update_is_the_textbook_one():
     np.testing.assert_allclose(after.gaussian.root @ after.gaussian.root.T, covariance - np.outer(gain, covariance[2]))
     conditioned = condition_on(Gaussian(mean, root), 4, 9.0)
     np.testing.assert_allclose(conditioned.mean, mean + covariance[:, 4] / covariance[4, 4] * (9.0 - mean[4]))
-
-
-def test_an_impossible_network_is_refused():
-    with pytest.raises(NetworkError):
-        build("ekf", replace(building(), measured=()), PERIOD, {})

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from estimator.errors import NetworkError
 from estimator.gaussian.floor import GAIN_CHANNEL, floor, with_known_gain
 from estimator.network.presets import building_67
 from replay.scores.intervals import coverage, rmse, winkler
@@ -40,24 +39,3 @@ def test_the_floor_is_calibrated_and_ignoring_the_gain_costs():
     ignorant = scores(floor(building_67(), PERIOD, **NOISE), recording)
     assert ignorant[0] > 3 * error
     assert ignorant[1] > 3 * score
-
-
-def test_theta_overrides_the_nominal_values_and_nothing_is_learned():
-    estimator = floor(building_67(), PERIOD, theta={"C_i": 1e7}, **NOISE)
-    state = estimator.start(1, np.array([20.0]), np.array([5.0, 0.0, 0.0]))
-    posterior = estimator.update(estimator.predict(state, np.array([5.0, 0.0, 0.0])), np.array([25.0]))
-    nominal = [p.nominal for p in building_67().parameters]
-    assert posterior.parameters.tolist() == [1e7, *nominal[1:]]
-    summary = estimator.parameters(posterior.state, np.array([0.1, 0.9]))
-    assert (np.ptp(summary.time_constants, axis=1) == 0).all()
-
-
-def test_a_parameter_without_a_value_is_named():
-    network = building_67().with_parameter("C_h", nominal=None)
-    with pytest.raises(NetworkError, match="parameter 'C_h' is not free and has no value"):
-        floor(network, PERIOD, **NOISE)
-
-
-def test_a_gain_needs_a_state_node():
-    with pytest.raises(NetworkError, match="heat input 'q_unmeasured' enters 'T_x', which is not a state node"):
-        with_known_gain(building_67(), "T_x")

@@ -243,18 +243,6 @@ def test_scenarios_are_distributed_as_the_prediction(preset):
     np.testing.assert_allclose(reached, levels, atol=4 * np.sqrt(0.25 / (particles / 2)))
 
 
-def test_scenarios_start_with_the_state_and_change_nothing_that_follows():
-    data = record(30, seed=6)
-    estimator = build("mkf", building(), PERIOD, {"particles": 64})
-    state = estimator.start(4, data.outputs[0], data.inputs[0])
-    paths = estimator.scenarios(state, data.inputs[:12], 50)
-    assert paths.shape == (50, 13, 1)
-    assert np.array_equal(paths, estimator.scenarios(state, data.inputs[:12], 50))
-    mixtures = unfolded(estimator, state, data.inputs[:12])
-    assert len(mixtures) == 13
-    assert mixtures[5].means.shape == (1, estimator.options.scenarios)
-
-
 def test_one_of_two_outputs_may_be_missing():
     net = two_rooms()
     estimator = build("mkf", net, PERIOD, {"particles": 32})
@@ -307,16 +295,3 @@ def test_it_finds_the_sun_of_the_facades_and_the_habits_of_people():
     path = mean_path(of_draws(drawn, PERIOD, 1), drive[:144])
     futures = estimator.scenarios(state, drive[:144], 200).mean(axis=0)
     np.testing.assert_allclose(path, futures, atol=0.1)
-
-
-def test_coefficients_go_through_files_with_the_same_bits():
-    net = NETWORKS["terms"]
-    estimator, rng = build("mkf", net, PERIOD, {"preset": "habits"}), np.random.default_rng(1)
-    drive = [inputs_of(net, rng) for _ in range(6)]
-    state = estimator.start(1, np.array([20.0]), drive[0])
-    state = estimator.update(estimator.predict(state, drive[0]), np.array([20.1])).state
-    again = estimator.unpack({name: np.array(rows) for name, rows in estimator.pack(state).items()})
-    for one in drive:
-        state, again = estimator.predict(state, one), estimator.predict(again, one)
-    for name, rows in estimator.pack(state).items():
-        np.testing.assert_array_equal(rows, estimator.pack(again)[name])

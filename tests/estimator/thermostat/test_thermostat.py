@@ -169,11 +169,6 @@ def test_memory_is_bounded_and_keeps_one_sample_a_slot():
     assert (known.inputs[:, 1] == known.times).all()
 
 
-def test_a_zone_without_a_set_point_remembers_nothing():
-    memory = remembered(no_memory(2), 0, 600, np.nan, 20.0, np.zeros(2), np.zeros(2))
-    assert not len(memory.times)
-
-
 @pytest.mark.parametrize("truth", [PROPORTIONAL, ON_OFF])
 def test_under_known_set_points_the_closed_loop_is_right_to_tenths_of_a_kelvin(truth):
     memory, past = recorded(truth)
@@ -220,12 +215,6 @@ def test_a_relay_that_switches_within_an_interval_has_the_narrow_band_that_it_ke
     assert band < 0.6
 
 
-def test_heat_stays_within_the_power():
-    rows, wanted = weather(times(1.0)), np.full(144, 26.0)
-    free = closed_loop(models_of(draws(1)), PROPORTIONAL, wanted, rows, rows[0])
-    assert free.heat.max() == pytest.approx(5000.0)
-
-
 def test_a_narrow_band_does_not_overshoot_in_a_long_step():
     rows, wanted = weather(times(1.0)), np.full(144, 21.0)
     found = closed_loop(models_of(draws(1)), law(9000.0, 0.0, 0.1), wanted, rows, rows[0]).temperatures[0, :, 0]
@@ -259,15 +248,6 @@ def test_the_same_seed_gives_the_same_bits_and_another_step_others():
 
     assert run(5).temperatures.tobytes() == run(5).temperatures.tobytes()
     assert run(5).temperatures.tobytes() != run(6).temperatures.tobytes()
-
-
-def test_mixtures_hold_the_paths_and_the_noise_of_the_sensor():
-    rows, wanted = weather(times(0.5)), np.full(72, 21.0)
-    paths = sampled_loops(draws(16, spread=0.1), PERIOD, ON_OFF, wanted, rows, rows[0], seed=1, origin=5)
-    fan = paths.mixtures()
-    assert fan.means.shape == (73, 1, 16)
-    assert fan.at(-1).mean() == pytest.approx(paths.temperatures[:, -1].mean(axis=0))
-    assert (fan.sds == 0.03).all()
 
 
 def test_a_room_simulated_step_by_step_is_the_closed_loop():

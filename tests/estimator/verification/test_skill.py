@@ -27,7 +27,3 @@ def test_an_hour_takes_the_place_of_the_one_thirty_days_before():
     later = noted(book, 5 + HOURS, 0, NOTE)
     assert scores(later, until=5 + HOURS, window=HOURS).forecasts[0] == 1
     assert scores(book, until=5, window=1).forecasts[0] == 1, "what is passed in is not changed"
-
-
-def test_it_stays_small():
-    assert sum(array.nbytes for array in empty_book(4)) < 100_000
