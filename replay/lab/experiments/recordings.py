@@ -6,7 +6,6 @@ A new one is a function from the folder of --data to a `Recording`, and one line
 from __future__ import annotations
 
 import logging
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from datetime import date
 from functools import partial
@@ -27,7 +26,7 @@ from replay.experiments.progress import steps
 from replay.experiments.request import Request
 from replay.experiments.series.recorded_zone import ZoneRecord, bridged
 from replay.lab.experiments import rooms
-from replay.lab.experiments.ecolar.standins import configuration
+from replay.lab.experiments.ecolar.standins import of_standin
 from replay.lab.experiments.semi_synthetic.building import NETWORK, simulated_case
 from replay.simulated import ecolar
 from replay.simulated.semi_synthetic import PERIOD as WEATHER_PERIOD
@@ -95,11 +94,8 @@ def _building_67(folder: Path | None) -> Recording:
 
 
 def _ecolar(period: ecolar.Period, folder: Path | None) -> Recording:
-    with tempfile.TemporaryDirectory(prefix="thermogate-hours-ahead-") as directory:
-        log = ecolar.write_standin(Path(directory) / f"ecolar-{period}-SYNTHETIC.csv", period)
-        config = configuration(log)
-        zone = config.zones[0].model_copy(update={"max_gap": rooms.BRIDGED, "hold_inputs": _HELD})
-        recording = of_zone(config, zone)
+    usual = {"max_gap": rooms.BRIDGED, "hold_inputs": _HELD}
+    recording = of_standin(period, lambda config, zone: of_zone(config, zone.model_copy(update=usual)))
     what = "the stand-in for the lived-in Ecolar zone, simulated, with sun that no sensor sees; the paper's network"
     return recording._replace(name=f"Ecolar {period}", what=what, measured=False)
 

@@ -20,20 +20,9 @@ def test_a_fault_as_it_is_written_on_the_command_line() -> None:
 @pytest.mark.parametrize(
     ("text", "gist"),
     [
-        ("slow:room1,delay=3", '"delay=3" must be value=..., after=... or for=...'),
+        ("slow:room1,delay=3", '--fault slow:room1,delay=3: "delay=3" must be value=..., after=... or for=...'),
         ("slow:room1,value=fast", "value: Input should be a valid number"),
         ("slow:room1,for=soon", '"soon" is not a duration'),
-    ],
-)
-def test_what_cannot_be_read_is_explained(text: str, gist: str) -> None:
-    with pytest.raises(FaultError, match=r"^--fault ") as mistake:
-        parse_spec(text)
-    assert gist in str(mistake.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "gist"),
-    [
         ("explosion", 'there is no fault "explosion"; the menu is freeze, '),
         ("freeze:room1,value=3", '"freeze" takes no value'),
         ("exception,value=99", "must be from 1 to 11 (exception code), not 99"),

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
 import numpy as np
 
 from estimator.network.presets import ecolar
-from replay.experiments.hours_ahead.recordings import of_zone
+from replay.experiments.hours_ahead.recordings import Recording, of_zone
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
 from replay.experiments.request import Request, names_of
@@ -17,13 +15,13 @@ from replay.experiments.series.filtering import FilterRun, Series, Trace
 from replay.experiments.series.least_squares import LeastSquaresRun, segments_of
 from replay.experiments.study import Contender, Figures, Results, Run, Study
 from replay.lab.experiments.ecolar.nights import DAYTIME, NightRun, score_nights
-from replay.lab.experiments.ecolar.standins import PERIODS, configuration
+from replay.lab.experiments.ecolar.standins import PERIODS, configuration, of_standin
 from replay.lab.experiments.published import PUBLISHED
 from replay.localtime import DAY, HOUR, wall_clock
 from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
 from replay.scores.intervals import interval_scores, rmse
-from replay.simulated.ecolar import ZONE, write_standin
+from replay.simulated.ecolar import ZONE
 
 PERIOD = 300
 SEEDS = 3
@@ -156,12 +154,12 @@ _NIGHTS = ("median, final", "sd, final", "median, evening")
 
 def _read(request: Request) -> Iterator[tuple[str, Series]]:
     """Each period's name and samples: the files of --data, otherwise stand-ins that are written for the purpose."""
-    with tempfile.TemporaryDirectory(prefix="thermogate-ecolar-") as folder:
-        files = list(zip(names_of(request.data), request.data, strict=True)) or [
-            (name, write_standin(Path(folder) / f"ecolar-{name}-SYNTHETIC.csv", name))
-            for name in steps(PERIODS, "simulating")
-        ]
-        for name, path in steps(files, "reading"):
-            config = configuration(path)
-            recording = of_zone(config, config.zones[0])
-            yield name, (recording if request.days is None else recording.first_days(request.days)).series
+
+    def cut(recording: Recording) -> Series:
+        return (recording if request.days is None else recording.first_days(request.days)).series
+
+    for name, path in steps(list(zip(names_of(request.data), request.data, strict=True)), "reading"):
+        config = configuration(path)
+        yield name, cut(of_zone(config, config.zones[0]))
+    for period in steps(() if request.data else PERIODS, "simulating"):
+        yield period, cut(of_standin(period, of_zone))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,11 +17,15 @@ from replay.experiments.topology.data import Recording
 from replay.lab import EXAMPLES
 from replay.localtime import midnight
 from replay.simulated import ecolar
+from replay.simulated.ecolar import Period
 from replay.simulated.weather import KONSTANZ, weather
-from service.config.load import Config, load
+from service.config.load import load
+from service.config.site import Config, ZoneConfig
 
-SEEDS = (2,)
-PERIODS: tuple[Literal["spring", "autumn"], ...] = ("spring", "autumn")
+Result = TypeVar("Result")
+
+SEED = 2
+PERIODS: tuple[Period, ...] = ("spring", "autumn")
 
 
 def configuration(log: Path) -> Config:
@@ -29,16 +33,22 @@ def configuration(log: Path) -> Config:
     return load(EXAMPLES / "ecolar.toml", [f"sources.recording.files={json.dumps([str(log.resolve())])}"])
 
 
+def of_standin(period: Period, read: Callable[[Config, ZoneConfig], Result], seed: int = SEED) -> Result:
+    """What `read` makes of the zone whose stand-in is written for the purpose."""
+    with tempfile.TemporaryDirectory(prefix="thermogate-ecolar-") as folder:
+        log = ecolar.write_standin(Path(folder) / f"ecolar-{period}-SYNTHETIC.csv", period, seed)
+        config = configuration(log)
+        return read(config, config.zones[0])
+
+
 def standins(seeds: Sequence[int]) -> list[Recording]:
     """Both periods for each seed, for the topology experiment, with the irradiance that drove them."""
-    wanted = [(period, seed) for seed in seeds or SEEDS for period in PERIODS]
+    wanted = [(period, seed) for seed in seeds or (SEED,) for period in PERIODS]
     return [_standin(period, seed) for period, seed in steps(wanted, "simulating")]
 
 
-def _standin(period: Literal["spring", "autumn"], seed: int) -> Recording:
-    with tempfile.TemporaryDirectory(prefix="thermogate-topology-") as folder:
-        config = configuration(ecolar.write_standin(Path(folder) / "ecolar-SYNTHETIC.csv", period, seed))
-        record = read_zone(config, config.zones[0])
+def _standin(period: Period, seed: int) -> Recording:
+    record = of_standin(period, read_zone, seed)
     start, end = (midnight(*day, ecolar.ZONE) for day in ecolar.PERIODS[period])
     minutes = np.arange(start, end, ecolar.GRID_STEP)
     sun = np.interp(record.times + record.period / 2, minutes, weather(minutes, KONSTANZ, seed).irradiance)
