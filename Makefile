@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
 FUZZ_TIMES ?= 100
 
-.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant addon image image-test arm64 overload soak audit fuzz attack screenshots page-stream golden lock release clean help
+.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant addon image image-test arm64 overload soak audit fuzz attack screenshots golden lock release clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -126,11 +126,6 @@ SCREENSHOTS ?=
 
 screenshots: $(VENV)/.ready  ## the pictures of the page in the documentation, from what `make run` shows; needs chromium; 3 min
 	$(BIN)/python tests/browser/screenshots.py $(SCREENSHOTS)
-
-STREAM ?= 3600
-
-page-stream: $(VENV)/.ready  ## an hour (STREAM=3600 s) of a real daemon at 600 times real time in the browser: fails if memory grows
-	$(BIN)/python tests/browser/streaming.py --out var/page-stream.json --seconds $(STREAM)
 
 clean:  ## remove the virtual environment and all caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage* build *.egg-info

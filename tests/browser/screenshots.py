@@ -38,7 +38,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=120.0, help="how long the demo runs before")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    with demo() as (url, _):
+    with demo() as url:
         time.sleep(arguments.seconds)
         _photograph(url, arguments.out)
     print("\n".join(str(arguments.out / f"{name}.png") for name, *_ in PHOTOGRAPHED))
@@ -46,14 +46,14 @@ def main() -> int:
 
 
 @contextmanager
-def demo(*options: str) -> Iterator[tuple[str, int]]:
-    """The living demo, once it serves its page: the address, and the process."""
+def demo() -> Iterator[str]:
+    """The address of the living demo, once it serves its page."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "service", "demo", "--port", "0", "--directory", folder]
         # Zenoh's port belongs to whatever else runs here.
-        command += ["--set", "zenoh.enabled=false", *options]
+        command += ["--set", "zenoh.enabled=false"]
         with Program(command, Path(folder) / "log", cwd=ROOT) as running:
-            yield running.says(r"serving on (\S+)", 600)[1], running.process.pid
+            yield running.says(r"serving on (\S+)", 600)[1]
             running.terminate()
 
 

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 import pytest
-from support.browser import eventually, serious
+from support.browser import eventually, held, serious
 from support.building import Building, building
 from support.fake_zones import START, FakeZone, doubted, make_update, running, waiting
 
@@ -246,6 +246,24 @@ def test_a_chart_that_moves_with_time_has_no_label_measured_anew(serve: Any, vis
     # That it would have been noticed: an axis that turns its labels where they are long has to measure them.
     page.evaluate("window.Plotly.relayout(document.querySelector('.plot.history'), {'xaxis.tickangle': 'auto'})")
     eventually(page, "window.measured > 0")
+
+
+def test_a_chart_that_is_drawn_again_and_again_keeps_nothing(serve: Any, visit: Any) -> None:
+    """In an hour of samples of 5 s a chart is drawn 720 times: 1 MB at 1.4 kB each time."""
+    house = serve({"living": running("living", 300)})
+    page = opened(visit, house).page
+    session = page.context.new_cdp_session(page)
+
+    def after(samples: int) -> int:
+        for _ in range(samples):
+            house.step("living")
+            newest = house.zones["living"].updates[-1].time
+            eventually(page, f"Date.parse(document.querySelector('.figures time').dateTime) === {newest}000")
+        return held(session)
+
+    before = after(24)
+    assert before > 1e6
+    assert after(36) < before + 36 * 1400
 
 
 def test_plotly_is_asked_for_once_and_only_by_a_room(visit: Any, house: Building) -> None:
