@@ -72,7 +72,7 @@ SHAPES = {
     bacnet.lifetime: "duration, 30 s to 1 d",
     series.moment: "time",
 }
-"""What a check of a value asks for, in the column `type`."""
+"""What a check of a value asks for."""
 
 
 def filled(path: Path) -> str:
@@ -95,7 +95,7 @@ def model_of(dotted: str) -> type[BaseModel]:
 
 def table(model: type[BaseModel]) -> str:
     """The table of `model` in Markdown."""
-    rows = ["| key | type | default | meaning |", "|---|---|---|---|", *_rows(model)]
+    rows = ["| key | default, or type | meaning |", "|---|---|---|", *_rows(model)]
     return "".join(f"{row}\n" for row in rows)
 
 
@@ -110,9 +110,18 @@ def _rows(model: type[BaseModel]) -> Iterator[str]:
         if issubclass(model, LiveConfig) and name in model.channel.model_fields:
             passed_on.append(f"`{name}`")
             continue
-        yield f"| `{name}` | {_shape(field)} | {_default(model, name, field)} | {_told(field)} |"
+        yield f"| `{name}` | {_taken(model, name, field)} | {_told(field)} |"
     if passed_on:
-        yield f"| {', '.join(passed_on)} | as of channels | | for channels without the key |"
+        yield f"| {', '.join(passed_on)} | as of channels | for channels without the key |"
+
+
+def _taken(model: type[BaseModel], name: str, field: FieldInfo) -> str:
+    """The default of a key, with the others where there are few to choose from; without a default its type."""
+    shape, default = _shape(field), _default(model, name, field)
+    if default is None or default == "required":
+        return shape if default is None else f"{shape}, required"
+    others = [one for one in shape.split(", ") if one != default]
+    return f"{default}, else {' or '.join(others)}" if default in shape.split(", ") else default
 
 
 def _shape(field: FieldInfo) -> str:
@@ -141,7 +150,8 @@ def _of(annotation: Any, metadata: Any = ()) -> str:
     return {str: "text", bool: "true or false", float: "number", int: "whole number"}.get(annotation, "table")
 
 
-def _default(model: type[BaseModel], name: str, field: FieldInfo) -> str:
+def _default(model: type[BaseModel], name: str, field: FieldInfo) -> str | None:
+    """The default as TOML, None where nothing is one, or "required"."""
     value = field.default
     if name == "kind":
         return "required"
@@ -150,9 +160,9 @@ def _default(model: type[BaseModel], name: str, field: FieldInfo) -> str:
             if name in source.model_fields:
                 value = source.model_fields[name].default
     if value is PydanticUndefined:
-        return "none" if "none:" in (field.description or "") else "required"
+        return None if "none:" in (field.description or "") else "required"
     if value is None:
-        return "none"
+        return None
     if isinstance(value, BaseModel):
         return "`{}`" if not value.model_fields_set else f"`{value.model_dump(exclude_unset=True)}`"
     return f"`{_toml(value, _shape(field))}`"
