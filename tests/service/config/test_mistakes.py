@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from support import cases
-from support.config_samples import inline_network, sound, write
+from support.config_samples import sound, write
 
 from service.config.load import load
 from service.errors import ConfigError
@@ -17,7 +16,6 @@ from service.errors import ConfigError
 FOLDER = Path(__file__).parent / "cases"
 
 Tables = dict[str, Any]
-Change = Callable[[Tables], object]
 
 
 FILES = [path for path in sorted(FOLDER.glob("*.toml")) if path.stem != "house"]
@@ -63,55 +61,9 @@ def test_file_that_is_not_toml(content: bytes, gist: tuple[str, ...], tmp_path: 
     assert all("\n" not in problem for problem in caught.value.problems)
 
 
-JUNK: list[object] = [5, -1.5, True, "junk", "", [], ["junk"], [[]], {}, {"junk": {"junk": 1}}, [{}]]
-
-
-@pytest.mark.parametrize("junk", JUNK, ids=repr)
-def test_junk_anywhere_is_refused_in_sentences_or_accepted(junk: object, tmp_path: Path) -> None:
-    """No value of a wrong type anywhere escapes as another exception than ConfigError."""
-    for change in _everywhere(_explicit(tmp_path), junk):
-        tables = _explicit(tmp_path)
-        change(tables)
-        for problem in _outcome(write(tmp_path, tables)):
-            assert ": " in problem
-            assert "\n" not in problem
-
-
-def _explicit(folder: Path) -> Tables:
-    """The sound tables with an inline network and some options written out."""
-    tables = sound(folder)
-    tables["zones"][0]["network"] = inline_network()
-    channels = tables["zones"][0]["channels"]
-    channels["T_air"] = channels.pop("T_i")
-    channels["I_sol"] = {"source": "log", "column": "Sun", "unit": "W/m2"}
-    channels["n_people"] = {"source": "log", "column": "Sun", "unit": "people"}
-    tables["zones"][1]["estimator_options"] = {"preset": "paper", "particles": 100, "coordinates": "log"}
-    tables["zones"][1]["network"] |= {"fixed": ["C_h"], "parameters": {"C_i": {"value": 1e6}}, "initial": {"T_e": {}}}
-    return tables
-
-
 def _outcome(path: Path) -> list[str]:
     try:
         load(path)
     except ConfigError as error:
         return error.problems
     return []
-
-
-def _everywhere(tables: Any, junk: object, keys: tuple[str | int, ...] = ()) -> list[Change]:
-    changes: list[Change] = []
-    for key, value in tables.items() if isinstance(tables, dict) else enumerate(tables):
-        changes.append(_replacing((*keys, key), junk))
-        if isinstance(value, dict | list):
-            changes += _everywhere(value, junk, (*keys, key))
-    return changes
-
-
-def _replacing(keys: tuple[str | int, ...], junk: object) -> Change:
-    def change(tables: Tables) -> None:
-        table: Any = tables
-        for key in keys[:-1]:
-            table = table[key]
-        table[keys[-1]] = junk
-
-    return change

@@ -17,7 +17,6 @@ from support.served import Client, config, serving
 from service.forecast.ahead import LookingAhead
 from service.publish.events import Streams
 from service.records.trust import HorizonTrust, Trust
-from service.records.update import Disturbance
 from service.web.app import create_app
 from service.web.keys import KeyRing, create_key
 from service.web.page import overview
@@ -153,22 +152,11 @@ def test_a_key_for_some_zones_sees_these_at_a_glance(zones: dict[str, FakeZone],
     assert request(app, "GET", "/overview").status_code == 401
 
 
-def test_a_series_of_a_stretch(app: FastAPI, zones: dict[str, FakeZone]) -> None:
-    found = get(app, "/zones/living/series?start=2025-05-03T01:00:00Z&end=2025-05-03T02:00:00Z").json()
-    assert (found["times"][0], len(found["times"]), found["bucket_s"]) == ("2025-05-03T01:00:00Z", 12, 300.0)
-    assert zones["living"].asked[-1] == ("series", START + 3600, START + 7200, 800)
-
-
-def test_a_series_has_gain_and_set_point_where_they_are_known(app: FastAPI, zones: dict[str, FakeZone]) -> None:
-    path = "/zones/living/series?start=2025-05-03T01:00:00Z&end=2025-05-03T02:00:00Z"
-    assert [get(app, path).json()[name] for name in ("setpoint", "gain")] == [None, None]
+def test_a_series_has_a_set_point_where_it_is_known(app: FastAPI, zones: dict[str, FakeZone]) -> None:
     updates = zones["living"].updates
-    gain = Disturbance((-50.0, 120.0, 310.0), 0.9, ((0.04, 0.05, 0.06),))
-    updates[13] = updates[13]._replace(disturbance=gain, setpoint=20.5)
-    found = get(app, path).json()
+    updates[13] = updates[13]._replace(setpoint=20.5)
+    found = get(app, "/zones/living/series?start=2025-05-03T01:00:00Z&end=2025-05-03T02:00:00Z").json()
     assert found["setpoint"] == [None, 20.5, *[None] * 10]
-    assert (found["gain"]["unit"], found["gain"]["median"][:3]) == ("W", [None, 120.0, None])
-    assert (found["gain"]["lower"][1], found["gain"]["upper"][1]) == (-50.0, 310.0)
 
 
 def test_a_stretch_from_the_beginning_of_time_is_answered(app: FastAPI) -> None:

@@ -67,13 +67,6 @@ def test_a_gap_ends_what_was_pending_and_keeps_what_was_verified():
     assert by_lead(zone, 7)[3600].forecasts > before
 
 
-def test_a_missing_measurement_is_no_error():
-    zone, _ = lived(40)
-    count = by_lead(zone)[PERIOD].forecasts
-    zone.step(sample(40, y=np.nan))
-    assert by_lead(zone)[PERIOD].forecasts == count
-
-
 @pytest.mark.parametrize(("hours", "leads"), [(1, [1, 6, 24]), (2, [2, 6, 24]), (6, [6, 24]), (24, [24])])
 def test_an_hour_that_is_no_longer_than_one_step_is_that_step(hours, leads):
     members = {"steady": {"estimator": "ekf"}, "arx": {"estimator": "arx"}}
