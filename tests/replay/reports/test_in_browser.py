@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from support.browser import browser, serious
 
 from replay.recorded.runner import replay_recording
 from replay.reports.publish import publish_report
@@ -16,24 +17,22 @@ ZONE = "building-67"
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     """A tab with the report of two zones."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser")
-    chromium = shutil.which("chromium")
-    if chromium is None:
+    pytest.importorskip("playwright.sync_api", reason="playwright drives the browser")
+    pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe looks at the page")
+    if shutil.which("chromium") is None:
         pytest.skip("Debian's chromium is not installed")
     out = tmp_path_factory.mktemp("report")
     settings = [f'zones.{ZONE}.estimator="mkf"', f"zones.{ZONE}.estimator_options={{particles=16}}"]
     (trace,) = replay_recording(load(EXAMPLE, settings), out, progress=False)
     publish_report("site", [trace, trace._replace(zone="second")], out)
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        tab = browser.new_context(offline=True).new_page()
+    with browser() as launched:
+        tab = launched.new_context(offline=True).new_page()
         tab.said, tab.asked = [], []
         tab.on("console", lambda message: tab.said.append(message.text))
         tab.on("pageerror", lambda error: tab.said.append(str(error)))
         tab.on("request", lambda request: tab.asked.append(request.url))
         tab.goto((out / "report.html").as_uri())
         yield tab
-        browser.close()
 
 
 def test_plots_are_drawn_when_they_come_near_and_nothing_is_fetched(page):
@@ -55,9 +54,7 @@ def test_nothing_is_wider_than_the_window(page, width):
 
 
 def test_axe_finds_nothing_serious(page):
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe looks at the page")
-    found = axe.Axe().run(page).response["violations"]
-    assert [one["id"] for one in found if one["impact"] in ("serious", "critical")] == []
+    assert serious(page) == []
 
 
 def test_at_night_it_is_dark_and_on_paper_light(page):
@@ -66,9 +63,7 @@ def test_at_night_it_is_dark_and_on_paper_light(page):
     page.emulate_media(color_scheme="dark")
     page.wait_for_function(f"{background} === 'rgb(20, 23, 26)'")
     page.wait_for_function(f"{first} === 'rgb(20, 23, 26)'")
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe looks at the page")
-    found = axe.Axe().run(page).response["violations"]
-    assert [one["id"] for one in found if one["impact"] in ("serious", "critical")] == []
+    assert serious(page) == []
     page.emulate_media(media="print", color_scheme="dark")
     page.wait_for_function(f"{background} === 'rgb(255, 255, 255)'")
     page.wait_for_function(f"{first} === 'white'")
