@@ -33,35 +33,7 @@ CONFIG = yaml.safe_load((FOLDER / "config.yaml").read_text(encoding="utf-8"))
 TOKEN = "of-the-supervisor"
 ATTIC = {"name": "attic", "thermostat": "climate.attic"}
 
-ELEMENT = r"^(bool|email|url|port|((str|password|int|float)(\([\d.]*,[\d.]*\))?)|match\(.*\)|list\(.+\))\??$"
-TEXT, YES = {"type": "string"}, {"const": True}
-FOLDERS = ["homeassistant_config", "addon_config", "share", "ssl", "media", "backup"]
-FOLDER_MAP = {"type": {"enum": FOLDERS}, "read_only": YES, "path": {"pattern": "^/"}}
-FIELDS = {"type": ["string", "object"], "pattern": ELEMENT, "additionalProperties": {"pattern": ELEMENT}}
-RULES: dict[str, Any] = {
-    "type": "object",
-    "required": ["name", "version", "slug", "description", "arch"],
-    "additionalProperties": False,
-    "properties": {
-        **dict.fromkeys(("name", "description", "panel_title"), TEXT),
-        **dict.fromkeys(("homeassistant_api", "ingress", "ingress_stream"), YES),
-        "version": {"pattern": r"^\d+\.\d+\.\d+$"},
-        "slug": {"pattern": "^[-_.A-Za-z0-9]+$"},
-        "arch": {"items": {"enum": ["aarch64", "amd64"]}},
-        "init": {"const": False},
-        "services": {"items": {"pattern": "^(mqtt|mysql):(provide|want|need)$"}},
-        "homeassistant": {"pattern": r"^\d{4}\.\d+\.\d+$"},
-        "map": {"items": {"required": ["type"], "additionalProperties": False, "properties": FOLDER_MAP}},
-        "panel_icon": {"pattern": "^mdi:"},
-        "backup": {"const": "cold"},
-        "timeout": {"type": "integer", "minimum": 11, "maximum": 300},
-        "options": {"type": "object"},
-        "schema": {
-            "additionalProperties": {"anyOf": [TEXT | {"pattern": ELEMENT}, {"type": "array", "items": FIELDS}]}
-        },
-    },
-}
-"""What the Supervisor takes of the keys that are used here, without those that only say their default."""
+RULES = yaml.safe_load(Path(__file__).with_name("supervisor.yaml").read_text(encoding="utf-8"))
 
 
 def test_it_follows_the_rules_of_the_supervisor() -> None:
