@@ -14,8 +14,8 @@ from replay.experiments.hours_ahead.recordings import Recording
 from replay.experiments.hours_ahead.runs import run_hours
 from replay.experiments.jobs import Job
 from replay.experiments.request import Request
+from replay.experiments.series.chosen import chosen
 from replay.experiments.series.filtering import FilterRun
-from replay.experiments.series.networks import zone_of
 from replay.experiments.study import Contender
 
 NAIVE = (PERSISTENCE, YESTERDAY)
@@ -44,7 +44,7 @@ def contenders(request: Request) -> list[Contender]:
     else:
         found = [named(text) for text in _USUAL if text != BOOSTING or find_spec("lightgbm") is not None]
         if request.config is not None:
-            zone = zone_of(request)
+            _, zone = chosen(request)
             if (zone.estimator, zone.estimator_options) not in [(one.estimator, one.options) for one in found]:
                 label = f"as configured ({zone.estimator})"
                 found.append(Contender(label, zone.estimator, zone.estimator_options))

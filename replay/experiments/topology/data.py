@@ -9,7 +9,7 @@ import numpy as np
 from adapters.csv.config import CsvConfig
 from replay.experiments.catalogue import laboratory
 from replay.experiments.request import Request
-from replay.experiments.series.networks import chosen
+from replay.experiments.series.chosen import chosen
 from replay.experiments.series.recorded_zone import ZoneRecord, live_zone, read_zone
 from replay.experiments.topology.candidates import Candidate, candidates_for
 from replay.experiments.topology.toml import Place

@@ -8,13 +8,9 @@ from service.config.load import load
 from service.config.site import Config, ZoneConfig
 
 
-def zone_of(request: Request) -> ZoneConfig:
-    """The zone of --config that --zone names, or its only one; ReplayError or ConfigError says what is wrong."""
-    return chosen(request)[1]
-
-
 def chosen(request: Request) -> tuple[Config, ZoneConfig]:
-    """As `zone_of`, with the configuration."""
+    """The configuration of `request`, and the zone that --zone names in it, or its only one; ReplayError or ConfigError
+    says what is wrong."""
     path = request.configuration
     if path is None:
         raise ReplayError("there is no configuration; name one with --config")
