@@ -26,7 +26,7 @@ from bacpypes3.primitivedata import ObjectIdentifier
 from adapters.bacnet.config import BacnetConfig
 from adapters.bacnet.objects import DEVICE, MAX_APDU, SERVICES_SUPPORTED, ObjectId, Property
 from adapters.bacnet.stack import Stack
-from adapters.bacnet.values import Tagged, Unreadable, bits, whole
+from adapters.bacnet.values import Unreadable, Value, bits, whole
 from adapters.errors import SourceUnavailable
 
 _SMALLEST_APDU = 50
@@ -79,13 +79,13 @@ class Notification(NamedTuple):
     address: Any
     process: int
     object: ObjectId
-    values: dict[int, Tagged]
+    values: dict[int, Value]
 
 
 class Answer(NamedTuple):
     """Values by property, or why there is none; and when they came, UTC s."""
 
-    values: dict[Property, Tagged | Refused]
+    values: dict[Property, Value | Refused]
     time: float
 
 
@@ -131,7 +131,7 @@ class BacnetLink:
 
         def notified(apdu: UnconfirmedCOVNotificationRequest) -> None:
             identifier = apdu.monitoredObjectIdentifier
-            values = {int(item.propertyIdentifier): _tagged(item.value) for item in apdu.listOfValues}
+            values = {int(item.propertyIdentifier): _value(item.value) for item in apdu.listOfValues}
             object = ObjectId(int(identifier[0]), int(identifier[1]))
             heard(Notification(apdu.pduSource, int(apdu.subscriberProcessIdentifier), object, values))
 
@@ -183,7 +183,7 @@ class BacnetLink:
                 return found[0].address
         raise NoAnswer(f"no device {instance} answers within {self._network.timeout:g} s")
 
-    async def read_one(self, device: Device, what: Property, index: int | None = None) -> Tagged:
+    async def read_one(self, device: Device, what: Property, index: int | None = None) -> Value:
         """The property `what`, or its element `index` (0: how many there are). Raises NoAnswer or Refused."""
         request = ReadPropertyRequest(
             objectIdentifier=ObjectIdentifier(what.object),
@@ -194,11 +194,11 @@ class BacnetLink:
             request.propertyArrayIndex = index
         response = await self._answer(request)
         try:
-            return _tagged(response.propertyValue)
+            return _value(response.propertyValue)
         except (Unreadable, AttributeError) as error:
             raise Refused("it answers with something else") from error
 
-    async def read_list(self, device: Device, what: Property) -> list[Tagged]:
+    async def read_list(self, device: Device, what: Property) -> list[Value]:
         """The values of the list or array `what`. Raises NoAnswer or Refused."""
         request = ReadPropertyRequest(
             objectIdentifier=ObjectIdentifier(what.object),
@@ -209,7 +209,7 @@ class BacnetLink:
         try:
             tags = response.propertyValue.tagList.tagList
             inside = tags[1:-1] if tags and int(tags[0].tag_class) != _APPLICATION else tags
-            return [_of_tag(tag) for tag in inside]
+            return [decoded(tag) for tag in inside]
         except (Unreadable, AttributeError) as error:
             raise Refused("it answers with something else") from error
 
@@ -283,8 +283,8 @@ def _found(answer: IAmRequest) -> Found:
     return Found(int(answer.iAmDeviceIdentifier[1]), answer.pduSource, int(answer.vendorID))
 
 
-def _results(response: Any) -> dict[Property, Tagged | Refused]:
-    values: dict[Property, Tagged | Refused] = {}
+def _results(response: Any) -> dict[Property, Value | Refused]:
+    values: dict[Property, Value | Refused] = {}
     for result in response.listOfReadAccessResults:
         identifier = result.objectIdentifier
         object = ObjectId(int(identifier[0]), int(identifier[1]))
@@ -295,24 +295,32 @@ def _results(response: Any) -> dict[Property, Tagged | Refused]:
                 values[what] = Refused(f"{error.errorClass} error {error.errorCode}")
                 continue
             try:
-                values[what] = _tagged(element.readResult.propertyValue)
+                values[what] = _value(element.readResult.propertyValue)
             except Unreadable as unreadable:
                 values[what] = Refused(f"it {unreadable}")
     return values
 
 
-def _tagged(value: Any) -> Tagged:
-    """The one application-tagged value in `value`, an Any of bacpypes3. Raises Unreadable."""
+def _value(value: Any) -> Value:
+    """The one simple value in `value`, an Any of bacpypes3. Raises Unreadable."""
     tags = [] if value is None or value.tagList is None else list(value.tagList.tagList)
     # Where it stands in a context of its own, its opening and closing tags are around it.
     if len(tags) == 3:
         tags = tags[1:2]
     if len(tags) != 1:
         raise Unreadable("is no single value")
-    return _of_tag(tags[0])
+    return decoded(tags[0])
 
 
-def _of_tag(tag: Any) -> Tagged:
+def decoded(tag: Any) -> Value:
+    """The value of a tag of bacpypes3. Raises Unreadable."""
     if int(tag.tag_class) != _APPLICATION:
         raise Unreadable("is no simple value")
-    return Tagged(int(tag.tag_number), bytes(tag.tag_data or b""), int(tag.tag_lvt or 0))
+    try:
+        value: Value | None = tag.app_to_object()
+    except Exception as error:
+        # Whatever a decoder of the library stumbles over, the value is to blame.
+        raise Unreadable("cannot be decoded") from error
+    if value is None:
+        raise Unreadable("has a type that BACnet does not have")
+    return value

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from adapters.bacnet.objects import parse_object
 from adapters.bacnet.units import NO_UNITS, differs, unit_of
-from adapters.bacnet.values import Flags, Tagged, Unreadable, flags, number
+from adapters.bacnet.values import Flags, Unreadable, Value, flags, number
 from adapters.channel import Binding
 from adapters.reading import Fault, Probe, Quality
 from adapters.watched import POLLS_IN_A_STRETCH, Verdict, Watched
@@ -38,8 +38,8 @@ class Seen(NamedTuple):
     """What a device last said of an object: present value, status flags where it has them, and the number of the unit,
     None where it states none."""
 
-    value: Tagged
-    flags: Tagged | None = None
+    value: Value
+    flags: Value | None = None
     units: int | None = None
 
 

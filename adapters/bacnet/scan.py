@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from adapters.bacnet.asking import Asking
 from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Refused
 from adapters.bacnet.objects import (
@@ -17,7 +19,7 @@ from adapters.bacnet.objects import (
     is_numeric,
 )
 from adapters.bacnet.units import unit_of
-from adapters.bacnet.values import Flags, Tagged, Unreadable, flags, number, object_id, text, whole
+from adapters.bacnet.values import Flags, Unreadable, Value, flags, number, object_id, text, whole
 from adapters.errors import SourceConfigError
 from adapters.scanning import Scan, Scanned
 
@@ -59,9 +61,9 @@ async def _rows(link: BacnetLink, device: Device, remarks: list[str]) -> list[tu
     answers = await Asking(link, device, _OCTETS).ask(objects, (OBJECT_NAME, PRESENT_VALUE, UNITS, STATUS_FLAGS))
     values = {what: value for answer in answers for what, value in answer.values.items()}
 
-    def cell(object: ObjectId, kind: int) -> Tagged | None:
+    def cell(object: ObjectId, kind: int) -> Value | None:
         value = values.get(Property(object, kind))
-        return value if isinstance(value, Tagged) else None
+        return None if isinstance(value, Refused) else value
 
     return [
         (
@@ -93,25 +95,25 @@ async def _objects(link: BacnetLink, device: Device, remarks: list[str]) -> list
         raise Refused(f"its list of objects {error}") from error
 
 
-def _shown(read: object, value: Tagged | None) -> str:
+def _shown(read: Callable[[Value], object], value: Value | None) -> str:
     if value is None:
         return "-"
     try:
-        return str(read(value))  # type: ignore[operator]
+        return str(read(value))
     except Unreadable as error:
         return str(error)
 
 
-def _value(value: Tagged) -> str:
+def _value(value: Value) -> str:
     found = number(value)
     if found is None:
         return "-"
     return f"{found:.0f}" if found.is_integer() else f"{found:.6g}"
 
 
-def _unit(value: Tagged) -> str:
+def _unit(value: Value) -> str:
     return unit_of(whole(value)) or f"(unit {whole(value)})"
 
 
-def _status(value: Tagged) -> str:
+def _status(value: Value) -> str:
     return str(flags(value)) if flags(value) != Flags() else "ok"

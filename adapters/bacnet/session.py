@@ -17,7 +17,7 @@ from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Notification, R
 from adapters.bacnet.config import BacnetConfig
 from adapters.bacnet.objects import DEVICE, PRESENT_VALUE, SERVICES_SUPPORTED, STATUS_FLAGS, UNITS, ObjectId, Property
 from adapters.bacnet.points import BacnetChannel, Seen, addresses, judged
-from adapters.bacnet.values import Tagged, Unreadable, whole
+from adapters.bacnet.values import Unreadable, whole
 from adapters.reading import Batch, Fault, Reading
 from adapters.rhythm import Rhythm
 from adapters.watched import Channels
@@ -170,7 +170,7 @@ class Session:
         for answer in await asking.ask(self._objects(), (UNITS,)):
             for what, value in answer.values.items():
                 self._units.pop(what.object, None)
-                if isinstance(value, Tagged):
+                if not isinstance(value, Refused):
                     try:
                         self._units[what.object] = whole(value)
                     except Unreadable:
@@ -220,12 +220,12 @@ class Session:
             there = []
             for object in dict.fromkeys(what.object for what in answer.values):
                 value, flags = (answer.values[Property(object, kind)] for kind in (PRESENT_VALUE, STATUS_FLAGS))
-                if not isinstance(value, Tagged):
+                if isinstance(value, Refused):
                     self._refused.add(object)
                     again = f"every {REFRESH / 60:.0f} min"
                     self._channels.note_refusal((self._instance, object), str(value), again)
                     continue
-                seen = Seen(value, flags if isinstance(flags, Tagged) else None, self._units.get(object))
+                seen = Seen(value, None if isinstance(flags, Refused) else flags, self._units.get(object))
                 self._kept[object] = _Kept(seen, time.monotonic())
                 self._channels.note_value((self._instance, object))
                 there.append(object)

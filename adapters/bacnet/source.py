@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 from adapters.bacnet.config import BacnetConfig
 from adapters.bacnet.objects import COV_INCREMENT, OBJECT_NAME, PRESENT_VALUE, STATUS_FLAGS, UNITS, Property
 from adapters.bacnet.points import BacnetChannel, Seen, addresses, probed
-from adapters.bacnet.values import Tagged, Unreadable, number, text, whole
+from adapters.bacnet.values import Unreadable, Value, number, text, whole
 from adapters.channel import Binding
 from adapters.errors import SourceUnavailable
 from adapters.reading import Batch, Probe
@@ -196,7 +196,7 @@ async def _look(link: BacnetLink, device: Device, channel: BacnetChannel) -> Pro
     value = await link.read_one(device, Property(channel.object, PRESENT_VALUE))
     when = time.time()
 
-    async def other(kind: int) -> Tagged | None:
+    async def other(kind: int) -> Value | None:
         try:
             return await link.read_one(device, Property(channel.object, kind))
         except Refused:
@@ -213,7 +213,7 @@ async def _look(link: BacnetLink, device: Device, channel: BacnetChannel) -> Pro
 _Read = TypeVar("_Read")
 
 
-def _read(read: Callable[[Tagged], _Read], value: Tagged | None) -> _Read | None:
+def _read(read: Callable[[Value], _Read], value: Value | None) -> _Read | None:
     """What `read` makes of `value`; None where it makes nothing of it."""
     try:
         return None if value is None else read(value)

@@ -11,14 +11,15 @@ import pytest
 pytest.importorskip("bacpypes3", reason="bacpypes3 is not installed")
 
 from bacpypes3.pdu import IPv4Address
+from bacpypes3.primitivedata import Tag, TagClass
 from fuzz.fuzzing import raw
 from support.sources import bound, source_table
 
-from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Notification, Refused
+from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Notification, Refused, decoded
 from adapters.bacnet.objects import PRESENT_VALUE, STATUS_FLAGS, ObjectId, Property, parse_object
 from adapters.bacnet.points import BacnetChannel, Seen, judged, probed
 from adapters.bacnet.units import unit_of
-from adapters.bacnet.values import Tagged, Unreadable, bits, flags, number, object_id, text, whole
+from adapters.bacnet.values import Unreadable, bits, flags, number, object_id, text, whole
 from adapters.reading import Quality
 
 PEER = ("127.0.7.1", 47808)
@@ -82,8 +83,8 @@ async def exchange(datagrams: list[bytes]) -> None:
         try:
             values = asking.result().values
             value, state = (values.get(what) for what in wanted)
-            if isinstance(value, Tagged):
-                seen.append(Seen(value, state if isinstance(state, Tagged) else None))
+            if value is not None and not isinstance(value, Refused):
+                seen.append(Seen(value, None if isinstance(state, Refused) else state))
         except (Refused, NoAnswer) as error:
             assert str(error).isprintable()
     else:
@@ -120,7 +121,11 @@ def test_bacnet_datagram(data: bytes) -> None:
 @raw(b"\x04\x41\xac\x00\x00", b"\x08\x04\x40", b"\x07\x00Room", b"\x0c\x00\x00\x00\x01", examples=300)
 def test_bacnet_value(data: bytes) -> None:
     """The octets of a value under any tag."""
-    value = Tagged(data[0] % 16 if data else 0, data[1:], len(data))
+    try:
+        value = decoded(Tag(TagClass.application, data[0] % 16 if data else 0, len(data), data[1:]))
+    except Unreadable as error:
+        assert str(error).isprintable()
+        return
     for read in (number, flags, bits, whole, text, object_id):
         try:
             found = read(value)
