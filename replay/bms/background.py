@@ -9,18 +9,18 @@ from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
-_STOP_SECONDS = 5.0
-
 Ready = TypeVar("Ready")
 
 
 @contextmanager
 def in_background(
     plant: Callable[[asyncio.Event, Callable[[Ready], None]], Coroutine[Any, Any, None]],
+    patience: float = 5.0,
 ) -> Iterator[Ready]:
     """Run `plant(stop, ready)` in a thread of its own while the block runs; gives what it calls `ready` with.
 
-    Ports and files are there when the block begins. Raises what `plant` raises where the start fails.
+    Ports and files are there when the block begins; after it, the plant has `patience` s to stop. Raises what `plant`
+    raises where the start fails.
     """
     begun: Future[Ready] = Future()
     loop = asyncio.new_event_loop()
@@ -43,4 +43,4 @@ def in_background(
         # The loop is closed already where serving has failed.
         with suppress(RuntimeError):
             loop.call_soon_threadsafe(stop.set)
-        thread.join(_STOP_SECONDS)
+        thread.join(patience)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
@@ -17,7 +16,9 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 from support import sites
 from support.sources import bound, source_table
+from support.waiting import PATIENCE
 
+from replay.bms.background import in_background
 from replay.bms.modbus_server import shut_down
 
 READS = {1, 2, 3, 4}
@@ -155,26 +156,14 @@ async def collect(source: object, enough: Callable[[list[object]], bool], second
 @contextmanager
 def running(site: Plant, port: int = 0) -> Iterator[Plant]:
     """`site` served by a thread of its own."""
-    loop = asyncio.new_event_loop()
-    ready, stop = threading.Event(), asyncio.Event()
 
-    async def serve() -> None:
+    async def served(stop: asyncio.Event, ready: Callable[[Plant], None]) -> None:
         async with serving(site, port=port):
-            ready.set()
+            ready(site)
             await stop.wait()
 
-    def work() -> None:
-        with asyncio.Runner(loop_factory=lambda: loop) as runner:
-            runner.run(serve())
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    try:
-        assert ready.wait(180)
-        yield site
-    finally:
-        loop.call_soon_threadsafe(stop.set)
-        thread.join()
+    with in_background(served, PATIENCE) as plant:
+        yield plant
 
 
 WORDS = [215, 53, 400, 21]

@@ -11,4 +11,3 @@ PUBLISHED: dict[str, dict[str, Any]] = tomllib.loads(
 )
 CHANNELS = {"I_sol": "solar", "u_heat": "heater", "T_out": "outside"}
 """Building 67's inputs as the paper calls them, in the order of Table 4."""
-AUTHORS = "RBPF, authors' runs, 6 free"
