@@ -36,15 +36,12 @@ from replay.experiments.hours_ahead.recordings import Recording
 from replay.experiments.hours_ahead.runs import run_hours
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Series
-from replay.experiments.series.recorded_zone import bridged, read_zone
 from replay.lab.experiments.recordings import RECORDINGS
 from replay.lab.experiments.semi_synthetic.building import simulated_case
 from replay.localtime import DAY, HOUR
-from replay.recorded.samples import read_samples
 from replay.simulated.semi_synthetic import PERIOD
 from service.cli.main import main
-from service.config.fitting import known_heat, make_worker
-from service.config.load import load
+from service.config.fitting import known_heat
 from service.config.site import Whereabouts
 
 ROOT = Path(__file__).parents[3]
@@ -242,21 +239,6 @@ def test_the_first_days_hold_what_came_true_in_them() -> None:
     assert found[key("forecasts scored", "24 h", FIRST_DAYS)] == 8
     assert found[key("largest error, K", "24 h", FIRST_DAYS)] == 11
     assert found[key("forecasts scored", "24 h", LATER)] == 40 - 12 - 4
-
-
-def test_a_recording_is_bridged_as_the_worker_bridges_it() -> None:
-    settings = ["zones.living.estimator='arx'", "zones.living.estimator_options={}"]
-    settings += ["zones.living.max_gap=2", "zones.living.hold_inputs='10min'"]
-    config = load(ROOT / "deploy/examples/ecolar.toml", settings)
-    zone = config.zones[0]
-    worker, updates = make_worker(zone), []
-    for sample in read_samples(config, [zone])[zone.id].samples:
-        update = worker.step(sample)
-        if update is not None:
-            updates.append(update)
-    record = bridged(read_zone(config, zone), zone.network, zone.max_gap)
-    assert record.times.tolist() == [update.time for update in updates]
-    assert np.cumsum(record.starts).tolist() == [update.segment for update in updates]
 
 
 def experiment(out: Path, *options: str) -> Path:
