@@ -27,7 +27,7 @@ from estimator.diagnosis.diagnose import diagnose, due
 from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record, no_record, with_sample
 from estimator.diagnosis.telemetry import lies
-from estimator.diagnosis.telemetry.earlier import Earlier, before_lies, kept
+from estimator.diagnosis.telemetry.earlier import Earlier, doubtful_since, kept, known_at
 from estimator.diagnosis.telemetry.recent import Recent, inputs_at, nothing_recent, with_measured
 from estimator.foresight import Day, foreseen, no_day, with_inputs
 from estimator.heat.known import KnownHeat
@@ -215,21 +215,24 @@ class Loop:
         return Step(after, posterior, started, scored, ahead)
 
     def _watched(self, carried: Carried, time: int, outputs: Array, drive: Array) -> Carried:
-        """`carried` with what was measured at `time`, looked through once in lies.EVERY s."""
+        """`carried` with what was measured at `time`, looked through once in lies.EVERY s; while something of it is
+        suspected, nothing is learned of it."""
         network, period = self.estimator.network, int(self.estimator.period)
         measured = np.where(carried.held.times == time + period, carried.held.values, np.nan)
         recent = with_measured(carried.recent, time, float(outputs[0]), measured)
         after = carried._replace(recent=recent)
-        phase = self._seed % lies.EVERY
-        if (time + phase) // lies.EVERY == (time + period + phase) // lies.EVERY:
-            return after
-        suspicions = lies.looked(network, recent, carried.suspicions, time + period)
-        found = carried.diagnosis._replace(findings=lies.among(carried.diagnosis.findings, network, suspicions))
-        after = after._replace(suspicions=suspicions, diagnosis=found)
-        given_up = before_lies(carried.earlier, carried.suspicions, suspicions, time)
-        if given_up is not None:
-            return self._gone_back(after, given_up, outputs, drive)
-        if suspicions or carried.standing is None:
+        phase, suspicions = self._seed % lies.EVERY, carried.suspicions
+        looked = (time + phase) // lies.EVERY != (time + period + phase) // lies.EVERY
+        if looked:
+            suspicions = lies.looked(network, recent, carried.suspicions, time + period)
+            found = carried.diagnosis._replace(findings=lies.among(carried.diagnosis.findings, network, suspicions))
+            after = after._replace(suspicions=suspicions, diagnosis=found)
+        since = doubtful_since(carried.suspicions, suspicions, time)
+        if since is not None:
+            after = after._replace(thermostat=thermostats.without(after.thermostat, since))
+            given_up = known_at(carried.earlier, since)
+            return after if given_up is None else self._gone_back(after, given_up, outputs, drive)
+        if not looked or suspicions or carried.standing is None:
             return after
         live = self.live.restarted(carried.live)
         return after._replace(earlier=kept(carried.earlier, time, carried.standing.state, live))

@@ -55,6 +55,13 @@ def with_sample(
     return Thermostat(memory, laws, newest, inputs)
 
 
+def without(thermostat: Thermostat, since: float) -> Thermostat:
+    """`thermostat` that fits no law to what was measured from `since` [UTC s] on, for that is not to be believed."""
+    memory = thermostat.memory
+    temperatures = np.where(memory.times >= since, np.nan, memory.temperatures)
+    return thermostat._replace(memory=memory._replace(temperatures=temperatures))
+
+
 def pack(thermostat: Thermostat) -> dict[str, Array]:
     """Everything as arrays, by name."""
     arrays = {_MEMORY + name: value for name, value in thermostat.memory._asdict().items()}

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar
 
 from adapters.reading import Quality
 from adapters.units import default_valid_range
-from estimator.diagnosis.finding import Finding
+from estimator.diagnosis.finding import TELEMETRY, Finding
 from estimator.types import ALPHA_LEVELS, Outcome
 from estimator.verification.hindsight import HORIZONS
 from service.records.fan import CompactOutputPayload, Fan
@@ -27,6 +27,8 @@ _GATE = "learning gate g_k: how much the parameters may move now, 0 to 1"
 _REGIME = "low, transitional or high volatility; constant where there is none"
 _N_EFF = "effective sample size, particles; null where the estimator has none"
 _VOLATILITY = "null where the estimator has no volatility (ekf, ukf)"
+_QUALITY = "whether inputs and measurements arrived: the worst of the inputs' and what became of the last sample"
+_SUSPECTED = "findings about what arrived, which is not to be believed while there are any"
 _LEVELS = "levels of lower, median and upper"
 
 AHEAD_STEP = 1800
@@ -83,7 +85,8 @@ class ForecastPayload:
     regime: str = shown(_REGIME)
     n_eff: Number = shown(_N_EFF)
     inputs: tuple[InputUsed, ...]
-    quality: Quality = shown("the worst of the inputs' quality and what became of the last sample")
+    quality: Quality = shown(_QUALITY)
+    suspected: tuple[str, ...] = shown(_SUSPECTED)
 
     @classmethod
     def of(cls, update: Update, levels: Sequence[float] | None = None) -> ForecastPayload:
@@ -181,6 +184,7 @@ class AheadPayload:
     step_s: float = shown("from one value of the fan to the next, s")
     level: float = shown("probability content of lower to upper")
     quality: Quality = shown("as that of the published forecast; bad where a mean leaves the limits of its channel")
+    suspected: tuple[str, ...] = shown(_SUSPECTED)
     outputs: tuple[AheadOutputPayload, ...]
     heating: NextHeatingPayload | None = shown(
         "null where no rise of the set-point is likely within a day, none is known before the present one ends, no law "
@@ -202,6 +206,7 @@ class AheadPayload:
             ahead_stride(period) * period,
             fan.levels[0],
             quality(fan.update) if credible(status, means, limits) else Quality.BAD,
+            suspected(status),
             tuple(AheadOutputPayload.of(one, forecast.sample_time, period) for one in fan.outputs),
             heating,
         )
@@ -351,8 +356,9 @@ Forecasted = TypeVar("Forecasted", bound=ForecastPayload)
 
 
 def vouched(payload: Forecasted, status: ZoneStatus, limits: Limits = NO_LIMITS) -> Forecasted:
-    """`payload`, marked bad if the zone, which is in `status`, can no longer vouch for it, or if a mean of a fan leaves
-    the `limits` of its channel."""
+    """`payload` with what is suspected of the zone's telemetry, marked bad if the zone, which is in `status`, can no
+    longer vouch for it, or if a mean of a fan leaves the `limits` of its channel."""
+    payload = replace(payload, suspected=suspected(status))
     steps = payload.fan if isinstance(payload, FanPayload) else ()
     means = ((output.output, output.mean) for step in steps for output in step.outputs)
     return payload if credible(status, means, limits) else replace(payload, quality=Quality.BAD)
@@ -363,6 +369,11 @@ def credible(status: ZoneStatus, means: Iterable[tuple[str, float]], limits: Lim
     measurement of it would be believed."""
     ranges = ((limits.get(output, default_valid_range("degC")), mean) for output, mean in means)
     return status.state not in ("stalled", "failed") and all(lower <= mean <= upper for (lower, upper), mean in ranges)
+
+
+def suspected(status: ZoneStatus) -> tuple[str, ...]:
+    """The findings about the telemetry of a zone in `status`."""
+    return tuple(one.finding for one in status.diagnosis.findings if one.finding in TELEMETRY)
 
 
 def refined(fan: Fan) -> ForecastPayload:
@@ -389,7 +400,7 @@ def _standing(update: Update, outputs: tuple[OutputForecast, ...]) -> tuple[Any,
     times = (update.time, forecast.issue_time, forecast.valid_time, forecast.valid_time - forecast.sample_time)
     top = (first.output, first.mean, first.median, first.sd, first.intervals, outputs)
     filtered = (AlphaPayload.of(update), *update.shown_gate, update.shown_sample_size)
-    return (*times, *top, *filtered, forecast.inputs, quality(update))
+    return (*times, *top, *filtered, forecast.inputs, quality(update), ())
 
 
 def _steps(fan: Fan) -> list[tuple[OutputForecast, ...]]:

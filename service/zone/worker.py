@@ -289,7 +289,7 @@ class ZoneWorker:
             y=tuple(map(float, sample.outputs)),
             score=None if step.scored is None else _score(step.scored, sample),
             volatility=Volatility(self.estimator.blocks, lower, median, upper, tuple(map(float, posterior.cdf))),
-            gate=None if posterior.gate is None or posterior.regime is None else Gate(posterior.gate, posterior.regime),
+            gate=_gate(step),
             effective_sample_size=posterior.effective_sample_size,
             resampled=posterior.resampled,
             floored=posterior.floored,
@@ -338,6 +338,14 @@ def stated(forecast: Forecast) -> OneStep:
         lower=np.array([[interval.lower for interval in output.intervals] for output in outputs]),
         upper=np.array([[interval.upper for interval in output.intervals] for output in outputs]),
     )
+
+
+def _gate(step: Step) -> Gate | None:
+    """The gate of a sample, which is closed while the telemetry is not believed: what is learned then is given up."""
+    value, regime = step.posterior.gate, step.posterior.regime
+    if value is None or regime is None:
+        return None
+    return Gate(0.0 if step.carried.suspicions else value, regime)
 
 
 def _disturbance(posterior: Posterior) -> Disturbance | None:

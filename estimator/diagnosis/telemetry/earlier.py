@@ -32,15 +32,16 @@ def kept(earlier: tuple[Earlier, ...], time: float, state: Any, live: Live) -> t
     return (*earlier[-1:], Earlier(time, state, live))
 
 
-def before_lies(
-    earlier: tuple[Earlier, ...], before: Iterable[Suspicion], now: Iterable[Suspicion], time: float
-) -> Earlier | None:
-    """What a zone goes back to at `time` [UTC s] when something is suspected `now` that was not `before`, or the other
-    way round; else None."""
-    stood, stands = ({(one.name, one.column): one.since for one in each} for each in (before, now))
-    begun = [since for key, since in stands.items() if key not in stood]
-    ended = [since for key, since in stood.items() if key not in stands and time - since < SETTLED * _HOUR]
-    if not earlier or not begun + ended:
-        return None
-    since = min(begun + ended)
-    return next((one for one in reversed(earlier) if one.time <= since), earlier[0])
+def doubtful_since(before: Iterable[Suspicion], now: Iterable[Suspicion], time: float) -> float | None:
+    """Since when [UTC s] what is learned is given up, at a look at `time` [UTC s]; None where it is kept.
+
+    While something is suspected nothing is learned, and once more when that ends: what was suspected `before`. After
+    SETTLED it is the truth of now.
+    """
+    young = (one.since for one in (*before, *now) if time - one.since < SETTLED * _HOUR)
+    return min(young, default=None)
+
+
+def known_at(earlier: tuple[Earlier, ...], since: float) -> Earlier | None:
+    """The newest of `earlier` that is not later than `since` [UTC s], else the oldest; None where there is none."""
+    return next((one for one in reversed(earlier) if one.time <= since), earlier[0] if earlier else None)

@@ -28,7 +28,7 @@ from estimator.diagnosis.finding import (
     Finding,
 )
 from estimator.diagnosis.telemetry.recent import Recent, slot, until
-from estimator.diagnosis.telemetry.response import lateness
+from estimator.diagnosis.telemetry.response import Response, lateness, response, unexplained
 from estimator.network.network import Network
 
 EVERY = 3600
@@ -43,6 +43,9 @@ _LEAST = 6.0
 
 _LEAST_JUMP = 1.0
 """K."""
+
+_WARMING, _MUCH, _SOME = 6, 1.5, 0.6
+"""h over which warming that nothing explains is looked at, and multiples of the largest that the reference has seen."""
 
 _LATELY = 12.0
 """h in which spikes count."""
@@ -74,6 +77,8 @@ class Look(NamedTuple):
     """(m, n): the reference, the oldest first."""
     new: Array
     """(k, n): all since then."""
+    response: Response | None
+    """How the room answered its inputs in the reference; None where it is too short."""
 
     def slots(self, hours: float) -> int:
         """Slots in so many hours, at least one."""
@@ -99,9 +104,10 @@ def looked(network: Network, recent: Recent, before: tuple[Suspicion, ...], time
     rows, step = until(recent, time), slot(recent) / _HOUR
     onset = min([time - _RECENT, *(one.since for one in before)])
     split = len(rows) - min(len(rows), round((time - onset) / slot(recent)))
-    look = Look(kinds(network), step, rows[:split], rows[split:])
-    if np.isfinite(look.past[:, 0]).sum() * step < _LEAST * 24.0:
+    if np.isfinite(rows[:split, 0]).sum() * step < _LEAST * 24.0:
         return ()
+    of, hour = kinds(network), max(1, round(1.0 / step))
+    look = Look(of, step, rows[:split], rows[split:], response(rows[:split], rows[split:], of, hour))
     found = {(name, column): hours for test in _TESTS for name, column, hours in test(look)}
     # Channels that have changed places are no other riddle.
     if any(name == CHANNELS_SWAPPED for name, _ in found):
@@ -120,12 +126,11 @@ _SENTENCES = {
     "address",
     SENSOR_JUMPED: "{channel} jumped to another level as never before and stays there; check whether the sensor was "
     "moved, exchanged or calibrated, and whether something heats past the meter",
-    SENSOR_DRIFTS: "{channel} is further from its usual level than ever although the heating is as usual; compare it "
-    "with a second thermometer",
+    SENSOR_DRIFTS: "{channel} is further from its usual level than ever, which the heating does not explain; compare "
+    "it with a second thermometer",
     UNIT_CHANGED: "{channel} tells far more or far less than it ever told; check its unit (W or kW) and its scale",
     SIGN_FLIPPED: "{channel} tells the negative of what it should; check its sign, scale and wiring",
-    METER_DEAD: "{channel} tells of no heat for longer than ever, and the room warms as it never did without heat; "
-    "check the meter",
+    METER_DEAD: "{channel} tells of no heat, and the room warms as it never did without; check the meter",
     METER_LATE: "the room follows {channel} an hour before it is told; check the clock and the averaging of the meter",
 }
 """Problem and remedy, by the name of the finding."""
@@ -297,23 +302,16 @@ def _since(look: Look, where: npt.NDArray[np.bool_]) -> float:
 
 
 def _silent(look: Look) -> Found:
-    """A meter that has told of no heat for longer than ever, in a room that has warmed meanwhile as it never did
-    without heat."""
-    hour = look.slots(1.0)
-    room = np.concatenate([look.past[:, 0], look.new[:, 0]])
-    rises = np.full(len(room), np.nan)
-    rises[hour:] = room[hour:] - room[:-hour]
+    """A meter that tells of no heat, in a room that has warmed meanwhile by far more than it ever did unexplained."""
+    found = look.response
+    if found is None:
+        return
+    warmer = unexplained(found, _WARMING)
     for column in look.columns("heat"):
-        quiet = _quiet(look, column)
-        longest = quiet[: len(look.past)].max()
-        if quiet[-1] <= max(6.0, longest):
-            continue
-        # What was still warm an hour ago may go on warming the room.
-        rises_now = rises[len(rises) - round(quiet[-1] / look.step) + hour :]
-        before = rises[: len(look.past)][quiet[: len(look.past)] >= 2.0]
-        usual = np.nanmax(before, initial=0.5)
-        if np.nanmax(rises_now, initial=0.0) > 1.5 * usual:
-            yield METER_DEAD, column, float(quiet[-1])
+        hours = float(_quiet(look, column)[-1])
+        within = warmer[-int(hours - _WARMING + 1) :] if hours >= _WARMING else warmer[:0]
+        if np.nanmax(within, initial=0.0) > _MUCH:
+            yield METER_DEAD, column, hours
 
 
 def _quiet(look: Look, column: int) -> Array:
@@ -325,19 +323,26 @@ def _quiet(look: Look, column: int) -> Array:
 
 
 def _far(look: Look) -> Found:
-    """A room that is further from where it was than ever, day and night, while it is heated as ever."""
+    """A room that is heated where it was never heated before and has warmed more than that explains, or whose day is
+    colder than ever with the heating as usual."""
     day = look.slots(24.0)
     heat = list(look.columns("heat"))
     if not heat or len(look.past) < 3 * day:
         return
-    room = _means(np.concatenate([look.past[:, 0], look.new[:, 0]]), day)
-    power = _means(np.abs(np.concatenate([look.past[:, heat], look.new[:, heat]])).sum(axis=1), day)
-    known, usual = room[: len(look.past)], np.nanmedian(power[: len(look.past)])
-    if np.isnan(known).all():
-        return
-    above = room[-1] > np.nanmax(known) + 1.0 and power[-1] > 0.5 * usual
-    below = room[-1] < np.nanmin(known) - 2.0 and 0.9 * usual < power[-1] < 1.2 * usual
-    if above or below:
+    channels = np.concatenate([look.past, look.new])
+    known = len(look.past)
+    power = np.abs(channels[:, heat]).sum(axis=1)
+    heated = power > 0.02 * np.nanmax(power[:known], initial=0.0)
+    warmest = np.nanmax(channels[:known, 0][heated[:known]], initial=-np.inf)
+    lately = channels[-day:, 0][heated[-day:]]
+    if np.isfinite(warmest) and (lately > warmest + _LEAST_JUMP).sum() >= look.slots(3.0):
+        found = look.response
+        if found is not None and np.nanmax(unexplained(found, _WARMING)[-24:], initial=0.0) > _SOME:
+            yield SENSOR_DRIFTS, 0, 24.0
+            return
+    room, heating = _means(channels[:, 0], day), _means(power, day)
+    usual = np.nanmedian(heating[:known])
+    if room[-1] < np.nanmin(room[:known], initial=np.inf) - 2.0 and 0.9 * usual < heating[-1] < 1.2 * usual:
         yield SENSOR_DRIFTS, 0, 24.0
 
 
@@ -354,9 +359,11 @@ def _means(values: Array, slots: int) -> Array:
 
 def _delayed(look: Look) -> Found:
     """A meter that tells what it measured an hour ago."""
+    found = look.response
+    if found is None:
+        return
     for column in look.columns("heat"):
-        hours = lateness(look.past, look.new, column, look.kinds, look.slots(1.0))
-        if hours:
+        if lateness(found, column):
             yield METER_LATE, column, 24.0
 
 

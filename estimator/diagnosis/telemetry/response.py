@@ -1,8 +1,9 @@
-"""How a room answers its inputs from hour to hour, by least squares, and whether a meter is late."""
+"""How a room answers its inputs from hour to hour, by least squares: late meters, and heat that nobody tells of."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,35 +18,59 @@ _WORSE, _BETTER = 1.5, 0.5
 better: on heated buildings without faults one hour in a hundred comes near."""
 
 
-def lateness(past: Array, new: Array, column: int, kinds: Sequence[str], slots: int) -> bool:
-    """Whether the rooms's last day follows what the meter in `column` tells an hour later. `past` (m, n) and `new`
-    (k, n) have so many `slots` an hour, the room's temperature in column 0, and what each column is in `kinds`."""
-    rows = np.concatenate([past, new])
-    hours = _hourly(rows, slots)
-    known = len(past) // slots
-    if known < 3 * _LAST or len(hours) - known < 2:
-        return False
-    regressors, rise = _regression(hours, kinds, column, 0)
-    ahead, _ = _regression(hours, kinds, column, 1)
+class Response(NamedTuple):
+    """How the room answered its inputs in the reference, and what of its rise is not explained by that."""
+
+    hours: Array
+    """(h, n): the telemetry of whole hours, the room in column 0."""
+    kinds: Sequence[str]
+    """What each column is."""
+    coefficients: Array
+    """(p,): of the regressors."""
+    errors: Array
+    """(h - 3,): of the rise [K] from an hour to the next; NaN where something was not measured."""
+    known: int
+    """How many of them belong to the reference."""
+
+
+def response(past: Array, new: Array, kinds: Sequence[str], slots: int) -> Response | None:
+    """The response of the room in the reference `past` (m, n), and its errors from there to the end of `new` (k, n);
+    rows come `slots` an hour. None where the reference is too short."""
+    hours = _hourly(np.concatenate([past, new]), slots)
+    known = len(past) // slots - 3
+    if known < 3 * _LAST - 3 or len(hours) - known < 5:
+        return None
+    regressors, rise = _regression(hours, kinds, 0, 0)
     good = np.isfinite(regressors).all(axis=1) & np.isfinite(rise)
-    reference = good & (np.arange(len(rise)) < known - 3)
+    reference = good & (np.arange(len(rise)) < known)
     if reference.sum() < 2 * _LAST:
-        return False
+        return None
     scale = np.maximum(regressors[reference].std(axis=0), 1e-9)
     scale[0] = 1.0
     known_rows = regressors[reference] / scale
     gram = known_rows.T @ known_rows + _RIDGE * len(known_rows) * np.eye(len(scale))
     coefficients = np.linalg.solve(gram, known_rows.T @ rise[reference]) / scale
-    errors, usual = (
-        rise - regressors @ coefficients,
-        float(np.var(rise[reference] - regressors[reference] @ coefficients)),
-    )
-    last = np.flatnonzero(good)[-_LAST - 1 : -1]
+    return Response(hours, kinds, coefficients, np.where(good, rise - regressors @ coefficients, np.nan), known)
+
+
+def lateness(found: Response, column: int) -> bool:
+    """Whether the room's last day follows what the meter in `column` tells an hour later."""
+    usual = float(np.nanvar(found.errors[: found.known]))
+    ahead, rise = _regression(found.hours, found.kinds, column, 1)
+    last = np.flatnonzero(np.isfinite(found.errors))[-_LAST - 1 : -1]
     last = last[last >= len(rise) - _LAST - 1]
     if len(last) < _LAST // 2:
         return False
-    now, shifted = np.mean(errors[last] ** 2), np.mean((rise - ahead @ coefficients)[last] ** 2)
+    now, shifted = np.mean(found.errors[last] ** 2), np.mean((rise - ahead @ found.coefficients)[last] ** 2)
     return bool(now > _WORSE * usual and shifted < _BETTER * now)
+
+
+def unexplained(found: Response, hours: int) -> Array:
+    """(w,): the mean error of each `hours` in a row since the reference, over the largest of such means in the
+    reference; NaN where something was not measured. The last one is that of the last hours."""
+    means = np.convolve(found.errors, np.full(hours, 1.0 / hours), "valid")
+    usual = np.nanmax(means[: max(found.known - hours + 1, 1)], initial=1e-6)
+    return np.asarray(means[found.known :] / usual)
 
 
 def _hourly(rows: Array, slots: int) -> Array:

@@ -5,7 +5,7 @@ import pytest
 from support.thermostat_house import recorded
 
 from estimator.diagnosis.finding import SENSOR_JUMPED, UNIT_CHANGED
-from estimator.diagnosis.telemetry.earlier import Earlier, before_lies, kept
+from estimator.diagnosis.telemetry.earlier import Earlier, doubtful_since, kept, known_at
 from estimator.diagnosis.telemetry.lies import Suspicion
 from estimator.loop import Loop
 from estimator.network.presets import network
@@ -33,27 +33,39 @@ def test_what_was_learned_of_a_lie_is_given_up_when_it_ends():
     truth, _ = learned(1.0)
     lost, carried = learned(1000.0)
     lying = lost[CLEAN : CLEAN + LYING]
-    assert lying.max() > 1.3 * truth[CLEAN], "the lie misleads until it is found"
+    assert lying.max() > 1.2 * truth[CLEAN], "the lie misleads until it is found"
+    assert lying[-DAY // 2 :] == pytest.approx(truth[CLEAN], rel=0.02), "once it is found, nothing is learned of it"
     assert carried.suspicions == ()
     assert lost[-DAY:] == pytest.approx(truth[-DAY:], rel=0.05)
 
 
-def test_a_new_sensor_is_learned_and_kept():
-    """What stood for a week is the truth of now, whatever was thought of it."""
-    ago = [Earlier(float(day * 86400), day, None) for day in (1, 3)]
-    stood = [Suspicion(SENSOR_JUMPED, 0, 2.0 * 86400)]
-    assert before_lies(ago, stood, [], 8.5 * 86400).state == 1
-    assert before_lies(ago, stood, [], 9.5 * 86400) is None
-    assert before_lies(ago, stood, stood, 8.5 * 86400) is None
-    other = Suspicion(UNIT_CHANGED, 1, 3.5 * 86400)
-    assert before_lies(ago, stood, [*stood, other], 4.0 * 86400).state == 3
+DAYS = 86400.0
+STOOD = Suspicion(SENSOR_JUMPED, 0, 2.0 * DAYS)
+OTHER = Suspicion(UNIT_CHANGED, 1, 3.5 * DAYS)
 
 
-def test_nothing_to_go_back_to_and_nothing_older_than_the_lie():
-    suspicion = [Suspicion(SENSOR_JUMPED, 0, 0.5 * 86400)]
-    assert before_lies((), [], suspicion, 86400.0) is None
-    young = (Earlier(86400.0, "young", None),)
-    assert before_lies(young, [], suspicion, 86400.0).state == "young"
+@pytest.mark.parametrize(
+    ("before", "now", "day", "since"),
+    [
+        ([], [STOOD], 2.5, 2.0),
+        ([STOOD], [STOOD], 8.5, 2.0),
+        ([STOOD], [STOOD, OTHER], 4.0, 2.0),
+        ([STOOD], [], 8.5, 2.0),
+        # What stood for a week is the truth of now, whatever was thought of it.
+        ([STOOD], [], 9.5, None),
+        ([STOOD], [STOOD], 9.5, None),
+        ([], [], 9.5, None),
+    ],
+)
+def test_nothing_is_learned_while_something_is_suspected(before, now, day, since):
+    found = doubtful_since(before, now, day * DAYS)
+    assert found == (None if since is None else since * DAYS)
+
+
+def test_what_was_known_before_the_lie_or_as_long_ago_as_possible():
+    ago = (Earlier(1.0 * DAYS, "old", None), Earlier(3.0 * DAYS, "young", None))
+    assert [known_at(ago, day * DAYS).state for day in (0.5, 2.0, 3.5)] == ["old", "old", "young"]
+    assert known_at((), DAYS) is None
 
 
 def test_two_are_kept_two_days_apart():

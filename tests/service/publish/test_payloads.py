@@ -11,11 +11,13 @@ import pytest
 from support.fake_zones import make_update, running
 
 from adapters.reading import Quality
+from estimator.diagnosis.finding import AT_BOUND, METER_DEAD, Diagnosis, Finding
 from service.publish.payloads import (
     ForecastPayload,
     GatePayload,
     StatusPayload,
     quality,
+    vouched,
 )
 from service.records.record import document
 from service.records.update import Gate, Update, Volatility
@@ -69,6 +71,15 @@ def with_input(update: Update, **changes: object) -> Update:
 )
 def test_quality_is_the_worst_of_inputs_and_outcome(update: Update, expected: Quality) -> None:
     assert quality(update) is expected
+
+
+def test_a_forecast_names_what_is_suspected_of_its_telemetry_beside_its_quality() -> None:
+    lie, other = (Finding(name, "u_heat", "a sentence") for name in (METER_DEAD, AT_BOUND))
+    update, status = make_update(0), running("living").now().status
+    for findings, expected in (((), []), ((other,), []), ((lie, other), [METER_DEAD])):
+        doubted = status._replace(diagnosis=Diagnosis(findings))
+        told = written(vouched(ForecastPayload.of(update), doubted))
+        assert (told["quality"], told["suspected"]) == ("good", expected)
 
 
 def test_status_without_a_clock_counts_on_the_wall_clock() -> None:

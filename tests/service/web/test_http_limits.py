@@ -16,7 +16,7 @@ from support.waiting import until
 from service.publish.metrics import Metrics
 from service.web.app import create_app
 from service.web.server import server as http_server
-from service.web.server.connection import FREE_CHUNKS, Passes
+from service.web.server.connection import FREE_CHUNKS, READ_BYTES, Connection, Passes
 from service.web.server.peers import peer_of
 from service.web.server.server import HttpServer
 
@@ -291,6 +291,23 @@ async def test_bodies_up_to_the_limit_are_taken() -> None:
             await client.send(b"POST /zones HTTP/1.1\r\nHost: localhost\r\n" + body)
             assert (await client.answer()).status == 405, "taken in, and for the application to judge"
             await client.close()
+
+
+async def test_little_of_a_connection_is_read_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    read, updated = list[int](), Connection.buffer_updated
+
+    def noted(connection: Connection, count: int) -> None:
+        read.append(count)
+        updated(connection, count)
+
+    monkeypatch.setattr(Connection, "buffer_updated", noted)
+    async with serving(small_app(), config()) as server:
+        client = await Client.to(server)
+        await client.send(b"POST /size HTTP/1.1\r\nHost: localhost\r\nContent-Length: 300000\r\n\r\n" + bytes(300_000))
+        assert (await client.answer()).body == b"300000"
+        await client.close()
+    assert sum(read) > 300_000
+    assert max(read) <= READ_BYTES
 
 
 async def test_a_client_that_goes_in_the_middle_of_its_body_leaves_nothing(caplog: pytest.LogCaptureFixture) -> None:

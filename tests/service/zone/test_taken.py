@@ -15,8 +15,10 @@ import service.zone.intake
 from adapters.reading import Fault, Quality, Reading
 from estimator.network.presets import network
 from service.errors import JournalError, ServiceError
+from service.records.asker import Asker, asked_by
 from service.records.receipt import Receipt
 from service.records.sample import Sample
+from service.store.audit import AUDIT
 from service.zone.alignment import Alignment, Rules
 from service.zone.clock import Clock
 from service.zone.zone import Zone
@@ -47,6 +49,25 @@ async def test_each_channel_and_time_is_accepted_once(tmp_path: Path) -> None:
         again = [reading(OUTPUT, 10.0, 99.0), reading(OUTPUT, 11.0), reading(OUTPUT, 11.0)]
         assert await zone.intake.take("post", again) == Receipt(1, 2, 0, Counter())
         assert zone.now().status.faults == {}
+
+
+async def test_who_wrote_a_channel_is_known_and_another_one_is_told_of(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with plumbing(tmp_path) as shared:
+        zone = aligned(make(shared))
+        await zone.deliver("bms", [reading(INPUT, 9.0, 5.0)], DAY + 9.0)
+        for key, time in (("key one", 10.0), ("key one", 11.0), ("key two", 12.0), ("key one", 12.0)):
+            asked_by(Asker(key))
+            await zone.intake.take("post", [reading(OUTPUT, time)])
+        assert zone.now().status.writers == {INPUT: "source bms", OUTPUT: "key two"}, (
+            "a repeated reading is not written"
+        )
+    told = [record.getMessage() for record in caplog.records if record.name == AUDIT.name]
+    assert told == [
+        f"key one writes {OUTPUT} of zone 'z' from now on",
+        f"key two writes {OUTPUT} of zone 'z' from now on, until now key one",
+    ]
 
 
 @pytest.mark.parametrize("failing", [False, True])
