@@ -40,6 +40,18 @@ def summary(mixtures: Mixtures, levels: Array, exact: bool) -> Summary:
     return told
 
 
+def as_distributed(paths: Array, mixtures: Mixtures) -> Array:
+    """`paths` (K, L, n_y) with the distributions of `mixtures`, time by time: the lowest path of a time becomes its
+    lowest quantile, and so on, so that every path keeps its place among the others (ensemble copula coupling, Schefzik
+    et al. 2013)."""
+    count = len(paths)
+    levels = (np.arange(count) + 0.5) / count
+    places = np.argsort(np.argsort(paths, axis=0, kind="stable"), axis=0)
+    values = summary(mixtures, levels, exact=False).quantiles
+    found: Array = np.take_along_axis(values.transpose(2, 0, 1), places, axis=0)
+    return found
+
+
 @njit(cache=True, nogil=True)
 def _summarise(levels, deviates, weights, means, sds, exact, out_means, out_sds, out_quantiles):  # type: ignore[no-untyped-def]
     times, outputs, size = means.shape

@@ -20,7 +20,7 @@ from estimator.statespace.simulate import Room, Simulation, sampled_paths
 from estimator.thermostat.live import Fan as LiveFan
 from estimator.types import Mixtures
 from estimator.verification.one_step import one_step
-from estimator.verification.summaries import Summary, summary
+from estimator.verification.summaries import Summary, as_distributed, summary
 from service.errors import ServiceError
 from service.forecast.learned import model_draws
 from service.forecast.plan import Grid, Inputs, column
@@ -72,7 +72,7 @@ class FanQuestion(NamedTuple):
         futures = _futures(worker, standing, rows, self) if lawful is None else lawful.outputs
         found = _summaries(worker, standing, futures, self, given_up)
         obeys = obedient(worker.network, standing, self.planned) if lawful is not None else ()
-        paths = _paths(worker, standing, rows, self.scenarios, lawful if obeys else None)
+        paths = _paths(worker, standing, rows, self.scenarios, lawful if obeys else None, futures)
         origins = tuple(_by_thermostat(one) if one.channel in obeys else one for one in outlook.origins)
         return Fan(standing.update, self.levels, _columns(worker, found, len(self.levels), paths), origins)
 
@@ -212,8 +212,11 @@ def _columns(worker: ZoneWorker, found: Summary, count: int, paths: Array) -> tu
     )
 
 
-def _paths(worker: ZoneWorker, standing: Standing, rows: Array, count: int, lawful: LiveFan | None) -> Array:
-    """(count, h + 1, n_y): sampled futures under `rows` (h, n_u), or of the forecast with the law."""
+def _paths(
+    worker: ZoneWorker, standing: Standing, rows: Array, count: int, lawful: LiveFan | None, futures: Mixtures
+) -> Array:
+    """(count, h + 1, n_y): sampled futures under `rows` (h, n_u), or of the forecast with the law; `futures` is what
+    the zone forecasts."""
     if count == 0:
         return np.empty((0, len(rows) + 1, len(worker.network.measured)))
     if lawful is not None:
@@ -224,4 +227,9 @@ def _paths(worker: ZoneWorker, standing: Standing, rows: Array, count: int, lawf
         return paths
     draws = model_draws(worker, standing, count)
     origin = standing.update.time // worker.period
-    return sampled_paths(draws, worker.period, rows, worker.settings.seed, origin)
+    paths = sampled_paths(draws, worker.period, rows, worker.settings.seed, origin)
+    if not draws.member:
+        return paths
+    # The draws of a bank are those of one member, its forecast is that of all; the first step is the published one.
+    now = worker.estimator.predictive(standing.state)
+    return as_distributed(paths, futures.during(slice(1, None)).after(now))

@@ -21,7 +21,7 @@ class CompactOutputPayload:
     sd: Vector = shown("K, the sensor's noise included")
     lower: Matrix = shown("by level and then by step")
     upper: Matrix
-    scenarios: Matrix = shown("sampled futures, without the sensor's noise")
+    scenarios: Matrix = shown("sampled futures, all equally likely")
 
 
 class Fan(NamedTuple):

@@ -381,6 +381,18 @@ def test_scenarios_are_the_paths_of_the_mixture_filter() -> None:
     assert disturbance["measurement_sd_T_i_lower"] <= disturbance["measurement_sd_T_i_upper"]
 
 
+def test_scenarios_of_a_bank_are_those_of_its_whole_forecast() -> None:
+    # The default members, with and without physics.
+    model = tg.fit(room(samples=200), "tite")
+    for plan in (None, {"u_heat": 1000.0}):
+        paths, fan = model.scenarios(plan, "24h", count=400), model.forecast(plan, "24h", levels=(0.9,))
+        for name, level in (("lower_0.9", 0.05), ("median", 0.5), ("upper_0.9", 0.95)):
+            apart = (paths.quantile(level, axis=1) - fan[name]).abs() / fan["sd"]
+            assert apart.max() < 0.1, name
+        steps = paths.diff().iloc[1:].abs().to_numpy()
+        assert np.median(steps) < 0.2 * fan["sd"].median(), "a path goes on from where it is"
+
+
 def test_what_the_model_does_not_know_is_listed_with_a_remedy() -> None:
     table = room(samples=600)
     model = tg.fit(table.assign(u_heat=0.0), "tite", **FEW)

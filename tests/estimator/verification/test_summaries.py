@@ -7,7 +7,7 @@ from scipy.stats import norm
 from estimator.particle.reference import mixture_quantile
 from estimator.types import Mixture, Mixtures
 from estimator.verification.scores import reduced
-from estimator.verification.summaries import summary
+from estimator.verification.summaries import as_distributed, summary
 
 LEVELS = np.array([0.5, 0.025, 0.975])
 
@@ -59,3 +59,17 @@ def test_what_fills_up_weighs_nothing(first, later):
         for of_whole, of_one in zip(told, alone, strict=True):
             np.testing.assert_allclose(of_whole[time], of_one[0], rtol=1e-10)
     assert isinstance(whole.at(0), Mixture)
+
+
+def test_paths_keep_their_places_and_get_the_distribution_of_each_time():
+    rng, whole = np.random.default_rng(5), mixtures(6, 2, 12)
+    paths = 20.0 + rng.standard_normal((200, 6, 2)).cumsum(axis=1)
+    found = as_distributed(paths, whole)
+    for time in range(6):
+        for output in range(2):
+            own, before = found[:, time, output], paths[:, time, output]
+            assert np.array_equal(np.argsort(own), np.argsort(before)), "who was lowest is lowest"
+    told = summary(whole, LEVELS, True)
+    np.testing.assert_allclose(np.median(found, axis=0), told.quantiles[:, :, 0], atol=0.05)
+    np.testing.assert_allclose(found.mean(axis=0), told.means, atol=0.02)
+    np.testing.assert_allclose(found.std(axis=0), told.sds, rtol=0.05)
