@@ -185,6 +185,13 @@ class BacnetLink:
 
     async def read_one(self, device: Device, what: Property, index: int | None = None) -> Value:
         """The property `what`, or its element `index` (0: how many there are). Raises NoAnswer or Refused."""
+        values = await self.read_list(device, what, index)
+        if len(values) != 1:
+            raise Refused("it answers with something else")
+        return values[0]
+
+    async def read_list(self, device: Device, what: Property, index: int | None = None) -> list[Value]:
+        """The values of the list or array `what`, or its element `index`. Raises NoAnswer or Refused."""
         request = ReadPropertyRequest(
             objectIdentifier=ObjectIdentifier(what.object),
             propertyIdentifier=PropertyIdentifier(what.property),
@@ -194,22 +201,7 @@ class BacnetLink:
             request.propertyArrayIndex = index
         response = await self._answer(request)
         try:
-            return _value(response.propertyValue)
-        except (Unreadable, AttributeError) as error:
-            raise Refused("it answers with something else") from error
-
-    async def read_list(self, device: Device, what: Property) -> list[Value]:
-        """The values of the list or array `what`. Raises NoAnswer or Refused."""
-        request = ReadPropertyRequest(
-            objectIdentifier=ObjectIdentifier(what.object),
-            propertyIdentifier=PropertyIdentifier(what.property),
-            destination=device.address,
-        )
-        response = await self._answer(request)
-        try:
-            tags = response.propertyValue.tagList.tagList
-            inside = tags[1:-1] if tags and int(tags[0].tag_class) != _APPLICATION else tags
-            return [decoded(tag) for tag in inside]
+            return _values(response.propertyValue)
         except (Unreadable, AttributeError) as error:
             raise Refused("it answers with something else") from error
 
@@ -303,13 +295,18 @@ def _results(response: Any) -> dict[Property, Value | Refused]:
 
 def _value(value: Any) -> Value:
     """The one simple value in `value`, an Any of bacpypes3. Raises Unreadable."""
-    tags = [] if value is None or value.tagList is None else list(value.tagList.tagList)
-    # Where it stands in a context of its own, its opening and closing tags are around it.
-    if len(tags) == 3:
-        tags = tags[1:2]
-    if len(tags) != 1:
+    values = _values(value)
+    if len(values) != 1:
         raise Unreadable("is no single value")
-    return decoded(tags[0])
+    return values[0]
+
+
+def _values(value: Any) -> list[Value]:
+    """The simple values in `value`, an Any of bacpypes3. Raises Unreadable."""
+    tags = [] if value is None or value.tagList is None else list(value.tagList.tagList)
+    # Where they stand in a context of their own, its opening and closing tags are around them.
+    inside = tags[1:-1] if tags and int(tags[0].tag_class) != _APPLICATION else tags
+    return [decoded(tag) for tag in inside]
 
 
 def decoded(tag: Any) -> Value:

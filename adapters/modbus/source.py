@@ -38,19 +38,13 @@ _BETWEEN_COUNTS = 5.0
 _log = logging.getLogger(__name__)
 
 
-class _Silence(NamedTuple):
-    """A unit that does not answer: how long it was left alone last, and until when (monotonic s)."""
+class _LeftAlone(NamedTuple):
+    """A unit that does not answer, or registers that it does not give, some for `lasting` reasons: for how long it was
+    left alone last, and until when (monotonic s)."""
 
     pause: float
     until: float
-
-
-class _Refusal(NamedTuple):
-    """Registers that a device does not give: how long they were left alone last, and until when (monotonic s)."""
-
-    pause: float
-    until: float
-    lasting: bool
+    lasting: bool = False
 
 
 class ModbusSource(LiveSource):
@@ -70,8 +64,8 @@ class ModbusSource(LiveSource):
         self._requests: list[Request] = []
         self._whole_until = -1.0
         """Monotonic s until which the requests stay as they are; then those that were split are tried whole again."""
-        self._refusals: dict[Point, _Refusal] = {}
-        self._silent: dict[int, _Silence] = {}
+        self._refusals: dict[Point, _LeftAlone] = {}
+        self._silent: dict[int, _LeftAlone] = {}
 
     @property
     def late(self) -> int:
@@ -118,7 +112,9 @@ class ModbusSource(LiveSource):
             units = {point.unit for point in points}
             self._silent = {unit: silence for unit, silence in self._silent.items() if unit in units}
         if now >= self._whole_until:
-            wanted = (one for one in self._channels.points if one not in self._refusals or self._is_due(one, now))
+            wanted = (
+                one for one in self._channels.points if one not in self._refusals or self._refusals[one].until <= now
+            )
             self._requests = plan(wanted, self._table.limits)
             untils = (refusal.until for refusal in self._refusals.values() if refusal.until > now)
             self._whole_until = min(untils, default=float("inf"))
@@ -152,10 +148,6 @@ class ModbusSource(LiveSource):
             self._silent.clear()
             raise SourceUnavailable(f"{self._table.place} is connected but silent; check unit_id and the device")
 
-    def _is_due(self, point: Point, now: float) -> bool:
-        """Whether a point that was refused is to be asked for again."""
-        return self._refusals[point].until <= now
-
     def _note_refusal(self, point: Point, error: Refused) -> None:
         before, pause = self._refusals.get(point), REFUSAL
         if not error.lasting:
@@ -165,7 +157,7 @@ class ModbusSource(LiveSource):
             verb, again = "cannot give", f"in {pause:.0f} s, then after growing pauses"
         self._channels.note_refusal(point, str(error), again, verb)
         until = time.monotonic() + pause
-        self._refusals[point] = _Refusal(pause, until, error.lasting)
+        self._refusals[point] = _LeftAlone(pause, until, error.lasting)
         self._whole_until = min(self._whole_until, until)
 
     def _note_silence(self, unit: int, reason: str) -> None:
@@ -173,7 +165,7 @@ class ModbusSource(LiveSource):
         if before is None:
             _log.warning("sources.%s: unit %d is silent: %s; going on with the others", self.name, unit, reason)
         pause = min(2 * before.pause if before else self._table.poll, LONGEST_SILENCE)
-        self._silent[unit] = _Silence(pause, time.monotonic() + pause)
+        self._silent[unit] = _LeftAlone(pause, time.monotonic() + pause)
 
     def _note_answer(self, request: Request) -> None:
         if self._silent.pop(request.unit, None) is not None:
