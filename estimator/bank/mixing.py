@@ -7,12 +7,16 @@ The reach grows with every verified forecast: nearly a median in the beginning, 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
+from numba import njit
 
 from estimator.arrays import Array
 from estimator.types import Mixture, Mixtures
+
+_TINY = 1e-300
 
 
 def mixed(parts: Sequence[Mixture], shares: Array, scale: float, reach: float | None = None) -> Mixture:
@@ -28,19 +32,12 @@ def mixed(parts: Sequence[Mixture], shares: Array, scale: float, reach: float | 
 def mixed_futures(futures: Sequence[Mixtures], shares: Array, scales: Array, reaches: Array | None = None) -> Mixtures:
     """The same lead by lead: `futures` of each member over L leads, `shares` (E, L), `scales` and `reaches` (L,)."""
     chosen = np.flatnonzero(shares.max(axis=1) > 0.0).tolist()
-    shares, futures = shares[chosen], [futures[e] for e in chosen]
-    held = futures if reaches is None else _held_together(futures, shares, reaches)
-    weights = np.concatenate(
-        [
-            own[:, None] / one.weights.sum(axis=1, keepdims=True) * one.weights
-            for own, one in zip(shares, held, strict=True)
-        ],
-        axis=1,
-    )
-    means, sds = (np.concatenate([one[place] for one in held], axis=2) for place in (1, 2))
-    centre = (weights[:, None] * means).sum(axis=2, keepdims=True)
-    stretch = scales[:, None, None]
-    return Mixtures(weights, centre + stretch * (means - centre), stretch * sds)
+    ends = np.cumsum([futures[e].weights.shape[1] for e in chosen])
+    weights = np.concatenate([futures[e].weights for e in chosen], axis=1)
+    means, sds = (np.concatenate([futures[e][place] for e in chosen], axis=2) for place in (1, 2))
+    limits = np.full(len(scales), np.inf) if reaches is None else reaches
+    _mix(ends, shares[chosen], scales, limits, weights, means, sds)
+    return Mixtures(weights, means, sds)
 
 
 def stretched(mixture: Mixture, scale: float) -> Mixture:
@@ -49,20 +46,66 @@ def stretched(mixture: Mixture, scale: float) -> Mixture:
     return mixture._replace(means=centre + scale * (mixture.means - centre), sds=scale * mixture.sds)
 
 
-def _held_together(futures: Sequence[Mixtures], shares: Array, reaches: Array) -> list[Mixtures]:
-    """`futures` with none of them beyond `reaches` (L,) of their middle."""
-    means, sds = (np.stack(moments) for moments in zip(*(one.moments() for one in futures), strict=True))
-    middle, limit = _weighted_median(means, shares), reaches[:, None] * _weighted_median(sds, shares)
-    moves = np.clip(means, middle - limit, middle + limit) - means
-    return [one._replace(means=one.means + move[..., None]) for one, move in zip(futures, moves, strict=True)]
+@njit(cache=True, nogil=True)
+def _mix(ends, shares, scales, reaches, weights, means, sds):  # type: ignore[no-untyped-def]
+    """`weights` (L, N), `means` and `sds` (L, n_y, N) of members whose components end at `ends` (E,), in place."""
+    members, outputs = len(ends), means.shape[1]
+    centres, spreads = np.empty(members), np.empty(members)
+    for t in range(len(weights)):
+        begin = 0
+        for e in range(members):
+            whole = 0.0
+            for n in range(begin, ends[e]):
+                whole += weights[t, n]
+            for n in range(begin, ends[e]):
+                weights[t, n] *= shares[e, t] / whole
+            begin = ends[e]
+        for y in range(outputs):
+            if reaches[t] < np.inf:
+                _moments(ends, weights[t], means[t, y], sds[t, y], shares[:, t], centres, spreads)
+                middle = _weighted_median(centres, shares[:, t])
+                limit = reaches[t] * _weighted_median(spreads, shares[:, t])
+                begin = 0
+                for e in range(members):
+                    move = min(max(centres[e], middle - limit), middle + limit) - centres[e]
+                    for n in range(begin, ends[e]):
+                        means[t, y, n] += move
+                    begin = ends[e]
+            centre = 0.0
+            for n in range(len(weights[t])):
+                centre += weights[t, n] * means[t, y, n]
+            for n in range(len(weights[t])):
+                means[t, y, n] = centre + scales[t] * (means[t, y, n] - centre)
+                sds[t, y, n] *= scales[t]
 
 
-def _weighted_median(values: Array, shares: Array) -> Array:
-    """(L, n_y) of `values` (E, L, n_y) with `shares` (E, L); halfway between two where both are one."""
-    order = np.argsort(values, axis=0)
-    ranked = np.take_along_axis(values, order, axis=0)
-    below = np.cumsum(np.take_along_axis(np.broadcast_to(shares[..., None], values.shape), order, axis=0), axis=0)
-    half = 0.5 * below[-1]
-    # Rounding must not decide between two members that weigh the same.
-    lower, upper = (np.argmax(below > half * edge, axis=0)[None] for edge in (1.0 - 1e-9, 1.0 + 1e-9))
-    return np.asarray(0.5 * (np.take_along_axis(ranked, lower, axis=0) + np.take_along_axis(ranked, upper, axis=0))[0])
+@njit(cache=True, nogil=True)
+def _moments(ends, weights, means, sds, shares, centres, spreads):  # type: ignore[no-untyped-def]
+    """`centres` and `spreads` (E,): mean and standard deviation of each member. Who has no share has those of its first
+    component, which count for nothing."""
+    begin = 0
+    for e in range(len(ends)):
+        first, second = 0.0, 0.0
+        share = max(shares[e], _TINY)
+        for n in range(begin, ends[e]):
+            away = means[n] - means[begin]
+            first += weights[n] / share * away
+            second += weights[n] / share * (away * away + sds[n] * sds[n])
+        centres[e], spreads[e] = means[begin] + first, math.sqrt(max(second - first * first, 0.0))
+        begin = ends[e]
+
+
+@njit(cache=True, nogil=True)
+def _weighted_median(values, shares):  # type: ignore[no-untyped-def]
+    """Of `values` (E,) with `shares` (E,); halfway between two where both are one."""
+    order = np.argsort(values)
+    half, below = 0.5 * shares.sum(), 0.0
+    lower, upper = np.nan, np.nan
+    for e in order:
+        below += shares[e]
+        # Rounding must not decide between two members that weigh the same.
+        if np.isnan(lower) and below > half * (1.0 - 1e-9):
+            lower = values[e]
+        if np.isnan(upper) and below > half * (1.0 + 1e-9):
+            upper = values[e]
+    return 0.5 * (lower + (lower if np.isnan(upper) else upper))

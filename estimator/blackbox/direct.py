@@ -13,7 +13,7 @@ was ever seen to change in that time.
 
 from __future__ import annotations
 
-from math import exp
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -98,6 +98,11 @@ class Direct(Regression):
         self.options = options
         self._day = max(1, round(_DAY / period))
         self._leads = np.unique([max(1, round(hours * _HOUR / period)) for hours in _LEADS])
+        self._presumed = _PRESUMED * self._leads.astype(np.float64)
+        """(L,): what the spread that a shorter lead lets expect counts as, in forecasts."""
+        hours_ahead = np.minimum(self._leads * period / _HOUR, _GROWN)
+        self._growth = np.exp(2.0 * _GROWTH * np.diff(np.log(hours_ahead), prepend=0.0))
+        """(L,): the variance to expect over that of the lead before, for the first over that of an hour."""
         self._windows = np.array([max(1, round(hours * _HOUR / period)) for hours in (*_PAST, *_LAST, *_CHANGES)])
         self._foresees = not options.blind
         means = len(_PAST) + (1 + len(_LAST)) * self._foresees
@@ -105,7 +110,7 @@ class Direct(Regression):
         least = np.full(self._width, _LEAST_INPUT_SPREAD)
         least[:_OWN] = _LEAST_SPREAD
         self._least = least**2
-        self._forgetting = exp(-period / (options.memory_days * _DAY))
+        self._forgetting = math.exp(-period / (options.memory_days * _DAY))
         self._verified_memory = options.verified_memory_days * _DAY / period
 
     @property
@@ -216,7 +221,7 @@ class Direct(Regression):
     def verified_share(self, step: int) -> float:
         """What a step leaves of the sums over verified forecasts, `step` steps after the start: the first ones, of
         regressions that knew nothing, are soon forgotten."""
-        return exp(-1.0 / min(self._verified_memory, self._day + step / 4.0))
+        return math.exp(-1.0 / min(self._verified_memory, self._day + step / 4.0))
 
     def _begun(self, outputs: Array, inputs: Array) -> tuple[Array, Array, Array]:
         """Outputs, what of them is measured, and inputs of two days in which nothing has changed."""
@@ -238,16 +243,8 @@ class Direct(Regression):
 
     def _sds(self, state: DirectState) -> Array:
         """(n_y, L): standard deviations [K] at the leads, from the errors of verified forecasts."""
-        number, squares = state.verified[..., 0], state.verified[..., -1]
-        leads = self._leads.astype(np.float64)
-        hours = np.minimum(leads * self.period / _HOUR, _GROWN)
-        growth = np.diff(np.log(hours), prepend=0.0) * _GROWTH
-        variances, before = np.empty_like(squares), np.full(len(squares), _HOUR_SD**2)
-        for n, lead in enumerate(leads):
-            # A shorter lead lets expect the spread of a longer one.
-            own, expected = _PRESUMED * lead, before * np.exp(2.0 * growth[n])
-            variances[:, n] = before = (own * expected + squares[:, n]) / (own + number[:, n])
-        return np.asarray(np.maximum(np.sqrt(variances), _LEAST_SD))
+        found: Array = _spreads(state.verified, self._presumed, self._growth)
+        return found
 
 
 def _unmeasured(measured: Array) -> Array:
@@ -265,6 +262,19 @@ def _spread(sds: Array, leads: Array, late: Array, ahead: Array) -> Array:
     for i in range(len(sds)):
         steps = 1.0 + ahead + max(late[i], 0.0)
         found[i] = np.interp(steps, leads, sds[i]) * np.sqrt(np.maximum(steps / leads[-1], 1.0))
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _spreads(verified, presumed, growth):  # type: ignore[no-untyped-def]
+    """(n_y, L): standard deviations [K] of forecasts from what was `verified` of them."""
+    found = np.empty(verified.shape[:2])
+    for i in range(len(verified)):
+        variance = _HOUR_SD * _HOUR_SD
+        for n in range(len(growth)):
+            number, squares = verified[i, n, 0], verified[i, n, 4]
+            variance = (presumed[n] * variance * growth[n] + squares) / (presumed[n] + number)
+            found[i, n] = max(math.sqrt(variance), _LEAST_SD)
     return found
 
 
