@@ -18,6 +18,10 @@ _WORSE, _BETTER = 1.5, 0.5
 better: on heated buildings without faults one hour in a hundred comes near."""
 
 
+_EXPLAINED = 0.15
+"""K/h: an error up to this is usual in any room. A changed set-point brings less than .1, a drift that matters more."""
+
+
 class Response(NamedTuple):
     """How the room answered its inputs in the reference, and what of its rise is not explained by that."""
 
@@ -67,9 +71,9 @@ def lateness(found: Response, column: int) -> bool:
 
 def unexplained(found: Response, hours: int) -> Array:
     """(w,): the mean error of each `hours` in a row since the reference, over the largest of such means in the
-    reference; NaN where something was not measured. The last one is that of the last hours."""
+    reference, _EXPLAINED at least; NaN where something was not measured. The last one is that of the last hours."""
     means = np.convolve(found.errors, np.full(hours, 1.0 / hours), "valid")
-    usual = np.nanmax(means[: max(found.known - hours + 1, 1)], initial=1e-6)
+    usual = np.nanmax(means[: max(found.known - hours + 1, 1)], initial=_EXPLAINED)
     return np.asarray(means[found.known :] / usual)
 
 

@@ -18,7 +18,7 @@ from estimator.diagnosis.finding import (
 from estimator.diagnosis.telemetry.lies import Suspicion, among, looked
 from estimator.diagnosis.telemetry.recent import nothing_recent, with_measured
 from estimator.network.presets import network
-from tests.support.thermostat_house import recorded
+from tests.support.thermostat_house import morning, recorded
 
 PERIOD = 600
 DAY = 86400 // PERIOD
@@ -87,6 +87,11 @@ def test_exchanged_channels_are_found_and_nothing_else_is_said_of_them(rows):
 
 def test_nothing_is_suspected_of_a_house_that_tells_the_truth(rows):
     assert not [stood for _, stood in watched(rows) if stood]
+
+
+def test_a_set_point_raised_for_good_is_no_lie():
+    outputs, inputs, _ = recorded(14, PERIOD, lambda hour: morning(hour) + (2.0 if hour >= 10 * 24 else 0.0))
+    assert not [stood for _, stood in watched(np.column_stack([outputs, inputs])) if stood]
 
 
 @pytest.mark.parametrize("lie", ["stuck", "spikes", "outdoor stuck", "outdoor flipped", "kW", "sign", "dead"])
