@@ -31,6 +31,7 @@ from estimator.diagnosis.telemetry.earlier import Earlier, doubtful_since, kept,
 from estimator.diagnosis.telemetry.recent import Recent, inputs_at, nothing_recent, with_measured
 from estimator.foresight import Day, foreseen, no_day, with_inputs
 from estimator.heat.known import KnownHeat
+from estimator.neighbours import Experience, begun
 from estimator.thermostat import thermostat as thermostats
 from estimator.thermostat.futures import NOTHING_KNOWN, ToCome
 from estimator.thermostat.live import Live, LiveForecasts
@@ -101,6 +102,8 @@ class Carried(NamedTuple):
     """Measurements in a row that no particle explained, or of which the forecast said nothing."""
     standing: Standing | None = None
     """None before the first sample."""
+    experience: Experience | None = None
+    """What the estimator begins with; None for a zone that begins alone."""
 
 
 class Step(NamedTuple):
@@ -361,7 +364,8 @@ class Loop:
                 return posterior._replace(state=state), verified, issued, vanished, False
         if before is None:
             verified = None if self._single_steps else verification.start(self._seed, outputs, drive)
-            posterior = self._begun(estimator.start(self._seed, outputs, drive))
+            state = begun(estimator, estimator.start(self._seed, outputs, drive), time, carried.experience)
+            posterior = self._begun(state)
             return posterior, verified, self.as_issued.start(), 0, True
         return *self._restarted(before, outputs, drive), 0, True
 

@@ -19,6 +19,7 @@ LEVELS = {
     "estimator": (
         {"loop"},
         {"registry", "diagnosis", "foresight", "believed"},
+        {"neighbours"},
         {"thermostat"},
         {"bank", "statespace"},
         {"verification"},

@@ -98,7 +98,7 @@ def read_zone(folder: Path, name: str | None) -> tuple[Session, Counter[Fault]]:
     mark = fingerprint(zone)
     with read_state(folder) as state:
         checkpoint = state.checkpoint(zone.id, mark)
-        if checkpoint is None or session.mark != mark:
+        if checkpoint is None or checkpoint.is_beginning or session.mark != mark:
             raise DataError(
                 f"{folder} has no checkpoint of zone {shown(zone.id)} as it is configured; let the daemon run for a "
                 "while, or thermogate learn"

@@ -38,6 +38,7 @@ def fit(
     latitude: float | None = None,
     longitude: float | None = None,
     country: str | None = None,
+    neighbours: Sequence[Model] = (),
     progress: bool = True,
 ) -> Model:
     """Learn the thermal model of a zone from a table of measurements, as the daemon would have learned it online.
@@ -59,6 +60,7 @@ def fit(
         floor_area: of the zone [m2], which scales what is thought of it before the first sample.
         latitude, longitude: of the building, in degrees, north and east positive.
         country: whose public holidays are as weekends, such as "DE" or "DE-BW".
+        neighbours: models of other rooms of the building; this one begins with what they have learned.
         seed: of the random numbers; the same seed gives the same bits.
         progress: whether a fit of more than two seconds shows a progress bar.
 
@@ -86,6 +88,7 @@ def fit(
         },
     )
     session = Session(settings)
+    session.begin([model._session for model in neighbours])
     learned = learn(session, df, progress, "fit")
     for sentence in learned.warnings:
         warnings.warn(sentence, stacklevel=2)

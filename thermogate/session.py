@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import nan
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from estimator.arrays import Array
 from estimator.types import Outcome
 from replay.recorded.trace import Tracer
-from service.config.fitting import fingerprint, make_worker
+from service.config.fitting import fingerprint, make_worker, taught
 from service.records.sample import Sample
 from service.records.update import CONSTANT, Update
 from service.zone.worker import STARTED
@@ -34,6 +35,11 @@ class Session:
         self._rows: list[list[float]] = []
         self.tracer = Tracer(settings.zone, self.worker)
         """What a report needs of them."""
+
+    def begin(self, others: Sequence[Session]) -> None:
+        """Begin with what `others` have learned; before the first sample."""
+        experience = taught(self.worker, [other.worker for other in others])
+        self.worker.carried = self.worker.carried._replace(experience=experience)
 
     def take(self, sample: Sample) -> None:
         """One sample on."""

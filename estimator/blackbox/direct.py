@@ -36,7 +36,8 @@ _CHANGES = (1.0, 6.0)
 """h over which the output's last change is taken, beside one step."""
 _OWN = 8
 """Regressors that are no inputs: 1, the output, three changes, the day before, sine and cosine."""
-_CLOCK = slice(_OWN - 2, _OWN)
+CLOCK = slice(_OWN - 2, _OWN)
+"""Places of sine and cosine of the hour among the regressors."""
 _LEAST_SPREAD = np.array([1.0, 1.0, 0.1, 0.2, 0.5, 0.5, 0.5, 0.5])
 """Of those regressors, below which a regressor counts as one that has hardly varied yet."""
 _LEAST_INPUT_SPREAD = 0.2
@@ -138,7 +139,7 @@ class Direct(Regression):
         """
         past, measured, held = self._begun(outputs, inputs)
         moments, coefficients = state.moments.copy(), state.coefficients.copy()
-        moments[:, :, _CLOCK], moments[:, :, :, _CLOCK], coefficients[..., _CLOCK] = 0.0, 0.0, 0.0
+        moments[:, :, CLOCK], moments[:, :, :, CLOCK], coefficients[..., CLOCK] = 0.0, 0.0, 0.0
         return state._replace(outputs=past, measured=measured, inputs=held, moments=moments, coefficients=coefficients)
 
     def predict(self, state: DirectState, inputs: Array) -> DirectState:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from estimator.arrays import Array
+from estimator.heat.terms import sun_channel
 from service.config.site import ZoneConfig
 from service.config.usual import usual
 
@@ -22,6 +23,15 @@ _RESTLESS = 1.5
 _FEW_VALUES = 100
 """Values of a channel below which nothing is said of it."""
 
+_MONTHS, _LAST_SWAPPED = 45, 12
+"""Days after which a recording has days beyond this one of a month."""
+
+_BRIGHT = 100.0
+"""W/m2 from which irradiance tells where the sun is."""
+
+_FAR_OFF = 0.75
+"""h between noon and the middle of the day's sun: the equation of time and windows of one facade explain less."""
+
 _TEMPERATURES = {"degF": (5 / 9, -160 / 9), "K": (1.0, -273.15)}
 """Units that are taken for degC by mistake: scale and offset to it."""
 
@@ -32,13 +42,48 @@ def doubts(zone: ZoneConfig, times: Array, values: Array) -> list[str]:
     `times` (L,) are the UTC s of the samples of `zone`, `values` (L, n) their channels in the network's order and unit,
     NaN where nothing was measured.
     """
-    return [*_of_length(times), *_of_channels(zone, values), *_of_swaps(zone, values)]
+    return [
+        *_of_length(times),
+        *_of_dates(times[np.isfinite(values).any(axis=1)]),
+        *_of_clock(zone, times, values),
+        *_of_channels(zone, values),
+        *_of_swaps(zone, values),
+    ]
 
 
 def _of_length(times: Array) -> Iterator[str]:
     days = (times[-1] - times[0]) / 86400 if len(times) else 0.0
     if days < _FEW_DAYS:
         yield f"it covers {days:.1f} days; the walls of a building show after about a week, so give more if you can"
+
+
+def _of_dates(times: Array) -> Iterator[str]:
+    """Day and month in each other's place leave only the 1st to the 12th of each month."""
+    days = np.unique(times // 86400).astype(np.int64)
+    in_month = [int(str(day)[-2:]) for day in days.astype("datetime64[D]")]
+    if len(days) and days[-1] - days[0] > _MONTHS and max(in_month) <= _LAST_SWAPPED:
+        yield (
+            "all of it is on the 1st to 12th of a month, as if day and month were swapped; write how times are to be "
+            'read, such as format = "%d.%m.%Y %H:%M" for 31.12.2025 23:45'
+        )
+
+
+def _of_clock(zone: ZoneConfig, times: Array, values: Array) -> Iterator[str]:
+    """The sun tells the time, where it is measured and the site has a longitude."""
+    location, channel = zone.whereabouts.location, sun_channel(zone.network)
+    if location is None or channel is None:
+        return
+    sun = np.nan_to_num(values[:, zone.network.channels.index(channel)])
+    if (sun > _BRIGHT).sum() < _FEW_VALUES:
+        return
+    moment = np.angle((sun * np.exp(2j * np.pi * times / 86400)).sum()) / (2 * np.pi)
+    late = 24.0 * ((moment - 0.5 + location.longitude / 360.0 + 0.5) % 1.0 - 0.5)
+    if abs(late) > _FAR_OFF:
+        yield (
+            f"{channel} is highest {abs(late):.1f} h {'after' if late > 0 else 'before'} noon at longitude "
+            f'{location.longitude:g}; write the time zone of the recording, such as zone = "Europe/Berlin", or correct '
+            "the longitude"
+        )
 
 
 def _of_channels(zone: ZoneConfig, values: Array) -> Iterator[str]:

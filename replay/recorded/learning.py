@@ -11,7 +11,7 @@ import asyncio
 import multiprocessing
 import os
 import signal
-from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import asynccontextmanager
@@ -26,7 +26,7 @@ from replay.localtime import DAY
 from replay.recorded.doubts import doubts
 from replay.recorded.samples import SLOW, Recorded, read_samples
 from replay.recorded.trace import Trace, Tracer
-from service.config.fitting import fingerprint, make_worker
+from service.config.fitting import fingerprint, make_worker, neighbourhood
 from service.config.site import Config, ZoneConfig
 from service.daemon.kernel_cache import guard_kernel_cache
 from service.errors import ServiceError
@@ -35,6 +35,7 @@ from service.records.update import Update
 from service.store.checkpoint import Checkpoint
 from service.store.store import Store
 from service.zone import snapshot
+from service.zone.recovery import first_checkpoint
 from service.zone.worker import ZoneWorker
 
 _CHUNK = 500
@@ -120,10 +121,9 @@ def learn(config: Config, histories: Mapping[str, History], *, jobs: int | None 
     `jobs` processes learn, by default one for each core. Raises ServiceError where the state cannot be written, a
     daemon runs on it, or it belongs to another configuration.
     """
-    zones = [zone for zone in config.zones if histories[zone.id].samples]
     store = Store(config.site.state_dir)
     try:
-        return asyncio.run(_learned(store, zones, histories, max(1, min(jobs or os.cpu_count() or 1, len(zones)))))
+        return asyncio.run(_learned(store, config, histories, jobs or os.cpu_count() or 1))
     except ExceptionGroup as group:
         # The first failure of a zone has ended the others.
         first = group.exceptions[0]
@@ -134,16 +134,22 @@ def learn(config: Config, histories: Mapping[str, History], *, jobs: int | None 
         store.close()
 
 
-async def _learned(store: Store, zones: Sequence[ZoneConfig], histories: Mapping[str, History], jobs: int) -> Learned:
+async def _learned(store: Store, config: Config, histories: Mapping[str, History], jobs: int) -> Learned:
     """Let every zone learn from what is new, zones in turn in so many processes."""
-    total, known = sum(histories[zone.id].samples for zone in zones), {}
+    zones = [zone for zone in config.zones if histories[zone.id].samples]
+    total, known, jobs = sum(histories[zone.id].samples for zone in zones), {}, max(1, min(jobs, len(zones)))
     async with _processes(jobs) as processes:
         owners = {zone.id: processes[place % jobs] for place, zone in enumerate(zones)}
         with tqdm(total=total, unit=" samples", delay=SLOW, desc="learning", disable=None) as bar:
             async with asyncio.TaskGroup() as tasks:
-                for zone in zones:
-                    student = _Student(store, zone, owners[zone.id], bar)
-                    samples, last = histories[zone.id].recorded.samples, await student.resume()
+                students = [
+                    _Student(store, zone, owners[zone.id], bar, neighbourhood(config, zone, store.checkpoints))
+                    for zone in zones
+                ]
+                # All know where they begin before one of them goes on: no zone learns from what is new.
+                lasts = [await student.resume() for student in students]
+                for zone, student, last in zip(zones, students, lasts, strict=True):
+                    samples = histories[zone.id].recorded.samples
                     new = [sample for sample in samples if last is None or sample.time > last]
                     if passed := len(samples) - len(new):
                         known[zone.id] = passed
@@ -158,10 +164,18 @@ async def _learned(store: Store, zones: Sequence[ZoneConfig], histories: Mapping
 
 
 class _Student:
-    """A zone that learns in the process `owner`; what it learns is written to `store`."""
+    """A zone that learns in the process `owner`; what it learns is written to `store`, and what a new one begins with
+    comes from its `neighbours`."""
 
-    def __init__(self, store: Store, zone: ZoneConfig, owner: ProcessPoolExecutor, bar: Any) -> None:
-        self._store, self._zone, self._owner, self._bar = store, zone, owner, bar
+    def __init__(
+        self,
+        store: Store,
+        zone: ZoneConfig,
+        owner: ProcessPoolExecutor,
+        bar: Any,
+        neighbours: Callable[[], Checkpoint | None],
+    ) -> None:
+        self._store, self._zone, self._owner, self._bar, self._neighbours = store, zone, owner, bar, neighbours
         self._fingerprint = fingerprint(zone)
 
     async def resume(self) -> int | None:
@@ -169,8 +183,10 @@ class _Student:
         name = self._zone.id
         await self._store.claim(name, self._fingerprint)
         checkpoint = await asyncio.to_thread(self._store.checkpoints.load, name, self._fingerprint)
+        if checkpoint is None:
+            checkpoint = await first_checkpoint(self._store, name, self._neighbours)
         await self._there(_begin, self._zone, self._fingerprint, checkpoint)
-        step = None if checkpoint is None else checkpoint.step
+        step = None if checkpoint is None or checkpoint.is_beginning else checkpoint.step
         last = await self._store.resume_after(name, step)
         while samples := await self._store.samples_after(name, step):
             await self._learned(samples)

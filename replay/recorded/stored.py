@@ -83,7 +83,9 @@ def _start(state: StoredState, zone: ZoneConfig, days: int | None) -> int:
 
 
 def _trace(state: StoredState, zone: ZoneConfig, start: int, tick: Callable[[int], object]) -> Trace:
-    worker = make_worker(zone)
+    worker, checkpoint = make_worker(zone), state.checkpoint(zone.id, fingerprint(zone))
+    if checkpoint is not None:
+        snapshot.begin(worker, checkpoint)
     tracer = Tracer(zone, worker)
     # All at once: what the daemon deletes meanwhile would be missed in the middle.
     for sample in list(state.journal.samples_after(zone.id, start)):
@@ -97,8 +99,7 @@ def _trace(state: StoredState, zone: ZoneConfig, start: int, tick: Callable[[int
     published = {row.time: row for row in state.journal.history(zone.id, trace.rows[0].time, None, _MOST_ROWS)}
     rows = [_kept(published.get(row.time, row), row) for row in trace.rows]
     trace = trace._replace(rows=rows, notes=(_note(zone, trace.rows, published),))
-    checkpoint = state.checkpoint(zone.id, fingerprint(zone))
-    if checkpoint is None:
+    if checkpoint is None or checkpoint.is_beginning:
         return trace
     daemon = make_worker(zone)
     snapshot.restore(daemon, checkpoint)

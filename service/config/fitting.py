@@ -1,12 +1,13 @@
-"""What a zone's configuration amounts to: its worker, its alignment, what is known of its inputs, and the fingerprint
-of its state.
+"""What a zone's configuration amounts to: its worker, its alignment, what is known of its inputs, the fingerprint of
+its state, and what it begins with beside zones that have learned.
 
 The daemon and `thermogate replay` both build their zones here, so that a recorded period runs through the same code.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import islice
 from math import ceil, nan
 
 from adapters.channel import ChannelConfig
@@ -14,10 +15,12 @@ from adapters.timestamps import EARLIEST
 from adapters.units import conversion, default_valid_range
 from estimator import registry
 from estimator.heat.known import KnownHeat
+from estimator.neighbours import Experience, Learned, experience
 from estimator.network.network import Network
 from estimator.thermostat.futures import ToCome
 from service.config.site import Config, Whereabouts, ZoneConfig
 from service.records.outlook import SET_POINT_RANGE, SET_POINTS, Surroundings, WeatherLink
+from service.store.checkpoint import Checkpoint, Checkpoints
 from service.zone import snapshot
 from service.zone.alignment import Alignment, Rules
 from service.zone.clock import PLAUSIBLE
@@ -27,6 +30,9 @@ from service.zone.worker import WorkerSettings, ZoneWorker
 _MOST_EMPTY = 1000
 """Empty samples in a row at most, so that a clock set forward by years brings a moment's work. A worker that bridges
 more makes up for them when telemetry comes again."""
+
+_MOST_ASKED = 12
+"""Neighbours that a zone asks at most; more would tell little that is new."""
 
 
 def make_worker(zone: ZoneConfig) -> ZoneWorker:
@@ -145,3 +151,39 @@ def fingerprint(zone: ZoneConfig) -> str:
     """What a stored state of `zone` belongs to."""
     structure = registry.structure(zone.estimator, zone.options)
     return snapshot.fingerprint(zone.network, zone.period, zone.estimator, structure)
+
+
+def neighbourhood(config: Config, zone: ZoneConfig, checkpoints: Checkpoints) -> Callable[[], Checkpoint | None]:
+    """Makes the checkpoint with which `zone`, a new one, begins: what the other zones of `config` teach it. None where
+    they teach nothing, and where the site does not want that. It blocks, and may raise ServiceError."""
+
+    def ask() -> Checkpoint | None:
+        if not config.site.neighbours:
+            return None
+        others = (_worker(other, checkpoints) for other in config.zones if other.id != zone.id)
+        worker = make_worker(zone)
+        found = taught(worker, islice((worker for worker in others if worker is not None), _MOST_ASKED))
+        return None if found is None else snapshot.beginning(worker, fingerprint(zone), zone.estimator, found)
+
+    return ask
+
+
+def taught(worker: ZoneWorker, others: Iterable[ZoneWorker]) -> Experience | None:
+    """What the workers of `others` teach that of a new zone; those whose telemetry cannot be believed teach nothing."""
+    learned = [
+        Learned(other.estimator, other.standing.state, other.standing.update.time + other.period)
+        for other in others
+        if other.standing is not None and not other.carried.suspicions
+    ]
+    return experience(worker.estimator, learned) or None
+
+
+def _worker(zone: ZoneConfig, checkpoints: Checkpoints) -> ZoneWorker | None:
+    """The worker of `zone` as its newest checkpoint has it; None without one that belongs to it."""
+    newest = checkpoints.newest(zone.id)
+    checkpoint = None if newest is None else newest.checkpoint
+    if checkpoint is None or checkpoint.is_beginning or checkpoint.fingerprint != fingerprint(zone):
+        return None
+    worker = make_worker(zone)
+    snapshot.restore(worker, checkpoint)
+    return worker

@@ -78,6 +78,7 @@ class SiteConfig(BaseModel):
     max_journal: JournalSize = Field(
         default=2 * 10**9, description="largest size of the journal; the oldest rows go first"
     )
+    neighbours: Flag = Field(default=False, description="whether a new zone begins with what others have learned")
     time_zone: TimeZone | None = Field(
         default=None, description="time zone of the page and of habits; none: the browser's"
     )

@@ -7,7 +7,14 @@ import logging
 from collections.abc import Collection, Iterable, Mapping
 from typing import NamedTuple
 
-from service.config.fitting import fingerprint, make_alignment, make_worker, measured_outputs, surroundings
+from service.config.fitting import (
+    fingerprint,
+    make_alignment,
+    make_worker,
+    measured_outputs,
+    neighbourhood,
+    surroundings,
+)
 from service.config.site import Config, ZoneConfig
 from service.daemon.reload import Changes, compare, obstacles
 from service.daemon.supply.feeding import keep_time, watch_clock
@@ -57,7 +64,7 @@ class Runtime:
         self._reloading = asyncio.Lock()
         self._last: dict[str, int | None] = {}
         """Time of the last sample of each zone when it was restored."""
-        zones.replace({table.id: self._built(table) for table in config.zones})
+        zones.replace({table.id: self._built(table, config) for table in config.zones})
         self._surround(config)
 
     @property
@@ -110,7 +117,7 @@ class Runtime:
             if problems:
                 raise ReloadRefused(problems)
             changes = compare(self.config, new)
-            fresh = {table.id: self._built(table) for table in changes.fresh}
+            fresh = {table.id: self._built(table, new) for table in changes.fresh}
             added = {table.id: fresh[table.id] for table in changes.added}
             try:
                 await self._prepare(added, changes.added, new)
@@ -146,8 +153,10 @@ class Runtime:
         for table in config.zones:
             self.zones[table.id].surroundings = surroundings(config, table, outputs)
 
-    def _built(self, table: ZoneConfig) -> Zone:
-        return Zone(table.id, table.estimator, fingerprint(table), make_worker(table), self._plumbing)
+    def _built(self, table: ZoneConfig, config: Config) -> Zone:
+        mark, worker, plumbing = fingerprint(table), make_worker(table), self._plumbing
+        neighbours = neighbourhood(config, table, plumbing.store.checkpoints)
+        return Zone(table.id, table.estimator, mark, worker, plumbing, neighbours=neighbours)
 
     async def _prepare(self, zones: Mapping[str, Zone], tables: Iterable[ZoneConfig], config: Config) -> None:
         lasts = await asyncio.gather(*(zone.prepare() for zone in zones.values()))

@@ -34,6 +34,8 @@ from service.store.durable_files import make_folder, sync_folder, write_file
 from service.store.ownership import open_plain
 
 FORMAT_VERSION = 1
+BEGINNING = 0
+"""The step of a checkpoint before every sample: what a zone begins with."""
 KEPT = 3
 """Checkpoints of a zone that stay."""
 
@@ -76,6 +78,11 @@ class Checkpoint(NamedTuple):
     meta: Mapping[str, object]
     about: Mapping[str, object] = {}
     zone: str = ""
+
+    @property
+    def is_beginning(self) -> bool:
+        """Whether it is what a zone begins with, before every sample: arrays without meta."""
+        return not self.meta
 
 
 class Found(NamedTuple):

@@ -11,10 +11,12 @@ import asyncio
 import logging
 import time
 import zlib
+from collections.abc import Callable
 
 from service.errors import ServiceError
 from service.records.sample import Sample
 from service.store.checkpoint import Checkpoint
+from service.store.journalling import JournalStore
 from service.zone import snapshot
 from service.zone.clock import MOST_SET_ASIDE
 from service.zone.intake import Intake
@@ -43,12 +45,22 @@ def is_of_the_environment(error: BaseException) -> bool:
 
 
 class Recovery:
-    """The state of `zone` on disk, which belongs to `fingerprint`; `estimator` is a name in the registry."""
+    """The state of `zone` on disk, which belongs to `fingerprint`; `estimator` is a name in the registry.
 
-    def __init__(self, zone: str, estimator: str, fingerprint: str, plumbing: Plumbing) -> None:
+    `neighbours` makes the checkpoint that a zone begins with before its first sample. It blocks.
+    """
+
+    def __init__(
+        self,
+        zone: str,
+        estimator: str,
+        fingerprint: str,
+        plumbing: Plumbing,
+        neighbours: Callable[[], Checkpoint | None] = lambda: None,
+    ) -> None:
         self._fingerprint = fingerprint
         self._zone, self._estimator, self._plumbing = zone, estimator, plumbing
-        self._store = plumbing.store
+        self._store, self._neighbours = plumbing.store, neighbours
         self._unsaved = False
         self._due = self._next()
 
@@ -65,10 +77,11 @@ class Recovery:
         await self._store.claim(self._zone, self._fingerprint)
         checkpoint = await self._in_pool(self._store.checkpoints.load, self._zone, self._fingerprint)
         if checkpoint is None:
+            checkpoint = await first_checkpoint(self._store, self._zone, self._neighbours)
+        if checkpoint is None:
             return None
         snapshot.restore(worker, checkpoint)
-        step: int = checkpoint.step
-        return step
+        return None if checkpoint.is_beginning else checkpoint.step
 
     async def beyond(self, worker: ZoneWorker) -> list[Sample]:
         """The next accepted samples that `worker` has not seen; none where it has seen all."""
@@ -144,6 +157,20 @@ class Recovery:
 
     def _next(self) -> float:
         return next_moment(self._zone, self._plumbing.checkpoint_every, time.monotonic())
+
+
+async def first_checkpoint(
+    store: JournalStore, zone: str, neighbours: Callable[[], Checkpoint | None]
+) -> Checkpoint | None:
+    """The checkpoint that a `zone` without one begins with if it has no sample yet, on disk before the first one comes;
+    None where it begins alone. Without it a crash could let it begin with something else."""
+    if await store.run(store.journal.last_sample_time, zone) is not None:
+        return None
+    checkpoint = await asyncio.to_thread(neighbours)
+    if checkpoint is not None:
+        await asyncio.to_thread(store.checkpoints.save, zone, checkpoint)
+        _log.info("zone '%s' begins with what its neighbours have learned", zone)
+    return checkpoint
 
 
 def next_moment(zone: str, every: float, now: float) -> float:

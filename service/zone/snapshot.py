@@ -29,12 +29,13 @@ from estimator.diagnosis.telemetry.recent import Recent
 from estimator.foresight import restored
 from estimator.loop import Held
 from estimator.loop import Standing as LoopStanding
+from estimator.neighbours import Experience
 from estimator.network.network import Network
 from estimator.thermostat import thermostat as thermostats
 from service.records.stored import named, stored
 from service.records.trust import Trust
 from service.records.update import CONSTANT, Update
-from service.store.checkpoint import Checkpoint
+from service.store.checkpoint import BEGINNING, Checkpoint
 from service.zone.worker import Progress, Standing, ZoneWorker, stated
 
 _HELD_VALUES = "held_values"
@@ -48,6 +49,7 @@ _RECENT = "recent."
 _THERMOSTAT = "thermostat."
 _LIVE = "live."
 _EARLIER = "earlier{}."
+_BEGAN = "began."
 _TIME, _STATE = "time", "state."
 
 _VERSION = version("thermogate")
@@ -119,23 +121,39 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
             under + _STATE + name: np.asarray(value) for name, value in loop.estimator.pack(earlier.state).items()
         }
         arrays |= {under + _LIVE + name: value for name, value in loop.live.pack(earlier.live).items()}
-    about = {
+    arrays |= {_BEGAN + name: value for name, value in (carried.experience or {}).items()}
+    return Checkpoint(mark, int(progress.last_time or 0), arrays, meta, _about(worker, estimator))
+
+
+def beginning(worker: ZoneWorker, mark: str, estimator: str, experience: Experience) -> Checkpoint:
+    """The checkpoint, before every sample, of a fresh `worker` that begins with `experience`."""
+    arrays = {_BEGAN + name: value for name, value in experience.items()}
+    return Checkpoint(mark, BEGINNING, arrays, {}, _about(worker, estimator))
+
+
+def _about(worker: ZoneWorker, estimator: str) -> dict[str, object]:
+    return {
         "network": worker.network.name,
         "estimator": estimator,
         "period": worker.period,
         "parameters": [[p.name, p.unit, p.free] for p in worker.network.parameters],
         "thermogate": _VERSION,
     }
-    return Checkpoint(mark, int(progress.last_time or 0), arrays, meta, about)
 
 
 def parameters(checkpoint: Checkpoint) -> tuple[float, ...]:
-    """The posterior means of the parameters in a checkpoint, in the network's order and each in its own unit."""
+    """The posterior means of the parameters in a checkpoint, in the network's order and each in its own unit; none
+    before every sample."""
+    if checkpoint.is_beginning:
+        return ()
     return _META.validate_python(checkpoint.meta).latest.parameters
 
 
 def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
     """Put a fresh `worker` where the checkpoint was taken."""
+    begin(worker, checkpoint)
+    if checkpoint.is_beginning:
+        return
     meta = _META.validate_python(checkpoint.meta)
     update = meta.latest
     if update.gate is not None and update.gate.regime == CONSTANT:
@@ -167,6 +185,11 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
     carried = carried._replace(live=loop.live.unpack(_under(_LIVE, checkpoint)))
     carried = carried._replace(earlier=tuple(_earlier(worker, checkpoint)))
     worker.resume(Standing(carried, update), meta.held_qualities, meta.progress, meta.trust)
+
+
+def begin(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
+    """Let a fresh `worker` begin with what the zone of the checkpoint began with."""
+    worker.carried = worker.carried._replace(experience=_under(_BEGAN, checkpoint) or None)
 
 
 def _earlier(worker: ZoneWorker, checkpoint: Checkpoint) -> Iterator[Earlier]:

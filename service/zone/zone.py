@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from math import inf
 from typing import TypeVar
@@ -27,6 +27,7 @@ from service.records.series import Series, Stretch
 from service.records.status import Busy, ZoneState, ZoneStatus
 from service.records.update import Update
 from service.records.view import Question
+from service.store.checkpoint import Checkpoint
 from service.store.series import bucket_of
 from service.zone.alignment import Alignment
 from service.zone.health import state_and_reason
@@ -57,8 +58,10 @@ class Zone:
         worker: ZoneWorker,
         plumbing: Plumbing,
         surroundings: Surroundings = NO_SURROUNDINGS,
+        neighbours: Callable[[], Checkpoint | None] = lambda: None,
     ) -> None:
-        """`worker` has seen nothing yet; `fingerprint` is what stored state of the zone belongs to."""
+        """`worker` has seen nothing yet; `fingerprint` is what stored state of the zone belongs to. `neighbours` makes
+        the checkpoint that the zone begins with before its first sample."""
         self.id = name
         self.surroundings = surroundings
         """What is known of its inputs; a reload may change it while the zone goes on."""
@@ -71,7 +74,7 @@ class Zone:
         self.fingerprint = fingerprint
         """What its state belongs to."""
         self.intake = Intake(name, self.period, plumbing.store, plumbing.clock)
-        self._recovery = Recovery(name, estimator, fingerprint, plumbing)
+        self._recovery = Recovery(name, estimator, fingerprint, plumbing, neighbours)
         self._failure: str | None = None
         self._at: int | None = None
         """Time of the sample that is being assimilated; None between two."""

@@ -44,12 +44,18 @@ def description(checkpoint: Checkpoint, path: Path) -> list[str]:
     about: dict[str, Any] = {"network": "?", "estimator": "?", "period": "?", "parameters": [], "thermogate": "?"}
     about |= checkpoint.about
     means = snapshot.parameters(checkpoint)
-    named = about["parameters"] or [[f"parameter {number}", "", True] for number in range(1, len(means) + 1)]
+    # What a zone begins with, before every sample, has no means.
+    named = about["parameters"][: len(means)] or [
+        [f"parameter {number}", "", True] for number in range(1, len(means) + 1)
+    ]
     lines = aligned(
         [
             # Earlier versions did not write whose it is.
             ("zone", checkpoint.zone or path.absolute().parent.name),
-            ("after the sample at", written_time(checkpoint.step)),
+            (
+                "after the sample at",
+                "none: its beginning" if checkpoint.is_beginning else written_time(checkpoint.step),
+            ),
             ("network", str(about["network"])),
             ("estimator", str(about["estimator"])),
             ("period", f"{about['period']} s"),

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from support.harness import EXAMPLES
 
+from estimator.heat.sun import Location
 from replay.recorded.doubts import doubts
 from service.config.load import load
+from service.config.site import Whereabouts
 
 ZONE = load(EXAMPLES / "generic-csv.toml").zones[0]
 HOURS = np.arange(24.0 * 14)
@@ -42,6 +44,32 @@ def test_ordinary_telemetry_is_not_doubted():
 def test_a_mistake_is_named_with_its_remedy(changes, sentence):
     (found,) = told(**changes)
     assert sentence in found
+
+
+def test_swapped_days_and_months_are_named():
+    # The first days of January to April, as 01.02. to 04.02. and so on would be read.
+    days = [np.datetime64(f"2025-{month:02}-01", "D") + np.arange(4) for month in (1, 2, 3, 4)]
+    hours = (np.concatenate(days).astype(np.int64)[:14, None] * 24.0 + np.arange(24.0)).ravel()
+    (found,) = told(hours=hours)
+    assert "as if day and month were swapped; write how times are to be read" in found
+    assert told(hours=hours[-1] - HOURS[::-1]) == []
+
+
+def test_the_sun_tells_that_the_time_zone_is_missing():
+    zone = load(EXAMPLES / "flexhouse.toml").zones[0]
+    zone = zone.model_copy(update={"whereabouts": Whereabouts(Location(48.0, 15.0))})
+    network = zone.network
+    values = np.full((len(HOURS), len(network.channels)), np.nan)
+
+    def found(ahead):
+        """At 15 degrees east the sun is highest at 11 h UTC."""
+        sun = 600.0 * np.maximum(np.cos(DAY - 2.0 * np.pi * (11.0 + ahead) / 24.0), 0.0)
+        values[:, network.channels.index("I_sol")] = sun
+        return doubts(zone, 3600.0 * HOURS, values)
+
+    assert found(0.0) == []
+    (sentence,) = found(2.0)
+    assert sentence.startswith("I_sol is highest 2.0 h after noon at longitude 15; write the time zone")
 
 
 def test_a_short_history_is_named():

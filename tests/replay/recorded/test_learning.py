@@ -208,3 +208,53 @@ def test_a_parquet_file_without_the_channels_of_a_zone_is_refused(tmp_path):
         pd.DataFrame({"when": times, **columns}).to_parquet(path, index=False)
         with pytest.raises(ConfigError, match=sentence):
             load_history(plant, path)
+
+
+TAUGHT = ("site.neighbours=true",)
+NEXT_DOOR = '\n[[zones]]\nid = "next"\n' + PLANT.partition('id = "room"\n')[2]
+
+
+@pytest.fixture(scope="module")
+def site(whole, tmp_path_factory):
+    """A site in which `room` has learned, and another room is new."""
+    folder = tmp_path_factory.mktemp("site")
+    shutil.copytree(whole[0] / "state", folder / "state")
+    return folder
+
+
+def learned_next_door(folder, end=None, changes=()):
+    paths = written(
+        folder, PLANT + NEXT_DOOR, HISTORY + '\n[[zones]]\nid = "next"\n' + HISTORY.partition('"room"\n')[2]
+    )
+    config = load_history(*paths, changes)
+    histories = survey(config, None, end)
+    histories["room"] = histories["room"]._replace(samples=0)
+    learn(config, histories, jobs=1)
+    zone = next(zone for zone in load(paths[0], changes).zones if zone.id == "next")
+    with read_state(folder / "state") as state:
+        return state.checkpoint("next", fingerprint(zone))
+
+
+def test_a_new_zone_begins_with_what_the_others_have_learned(site, tmp_path):
+    for name in ("taught", "alone"):
+        shutil.copytree(site, tmp_path / name)
+    taught = learned_next_door(tmp_path / "taught", changes=TAUGHT)
+    alone = learned_next_door(tmp_path / "alone")
+    began = [name for name in taught.arrays if name.startswith("began.")]
+    assert began
+    assert not any(name.startswith("began.") for name in alone.arrays)
+    assert not np.array_equal(taught.arrays["estimator.mean"], alone.arrays["estimator.mean"])
+
+
+def test_what_a_zone_began_with_stays_whatever_the_others_learn(whole, site, tmp_path):
+    shutil.copytree(site, tmp_path / "whole")
+    shutil.copytree(site, tmp_path / "parts")
+    samples = state_of(whole[0])[1]
+    expected = learned_next_door(tmp_path / "whole", changes=TAUGHT)
+    learned_next_door(tmp_path / "parts", samples[20].time, TAUGHT)
+    # The process was killed before its first checkpoint, and the room has learned something else since.
+    for path in (tmp_path / "parts" / "state" / "checkpoints" / "next").iterdir():
+        if int(path.stem) > 0:
+            path.unlink()
+    shutil.rmtree(tmp_path / "parts" / "state" / "checkpoints" / "room")
+    assert_same(learned_next_door(tmp_path / "parts", changes=TAUGHT), expected)
