@@ -88,6 +88,10 @@ _COUNTED = 4
 _NEGLIGIBLE = 0.02
 """Weight below which, if it has no more at any lead, a member or a future is left out."""
 
+_LEAST_TRUSTED = 0.1
+"""What a member weighs at least before it has proved anything under plans: the bank knows members by the heat that
+followed, where a room that warms up or cools down is no harder than one that is held."""
+
 _BEYOND = 3.0
 """K beyond what a room has seen that a future is still believed."""
 
@@ -305,19 +309,22 @@ class LiveForecasts:
         if not len(laws.column) or not self._members or np.isnan(setpoints).any() or len(setpoints) < steps:
             return live, None
         rows = np.repeat(issue.foreseen, max(1, hourly), axis=0)[:steps]
-        there, parts, own, of = np.flatnonzero(shares > 0.0).tolist(), [], [], []
-        for place in there:
-            draws = _draws(self._members[place].network, issue.drawn[place])
+        # Who does not count yet is judged as well: otherwise it could never prove anything.
+        parts, own, of = [], [], []
+        for place, member in enumerate(self._members):
+            draws = _draws(member.network, issue.drawn[place])
             start, own_rows = self._start(draws, place, laws, steps, int(issue.step)), rows[:, self._columns[place]]
             paths = start.run(laws, setpoints, own_rows, issue.before)
             end, believed = paths.mixtures().at(-1), _believed(paths, setpoints, memory)[-1]
             parts.append(Mixture(believed / believed.sum(), end.means[:1], end.sds[:1]))
             own.append(shares[place] * believed.sum())
             of.append(held.states(paths, laws, setpoints)[-1])
-        now = self._weights(live.members, issue.trusted.T)[there, horizon]
-        members = _judged(live.members, horizon, parts, now / now.sum(), value, self._hours, there)
-        live = live._replace(members=members)
-        told, states = mixed(parts, np.array(own) / sum(own), 1.0), np.concatenate(of)
+        now = self._weights(live.members, issue.trusted.T)[:, horizon]
+        everyone = range(len(parts))
+        live = live._replace(members=_judged(live.members, horizon, parts, now, value, self._hours, everyone))
+        counted = np.flatnonzero(shares > 0.0).tolist()
+        told = mixed([parts[place] for place in counted], np.array(own)[counted] / np.sum(own), 1.0)
+        states = np.concatenate([of[place] for place in counted])
         scales = issue.scales[[PLANNED, _FORCED], horizon]
         strayed = held.strayed_by_all(told, states, scales, issue.errors[horizon])
         state = int(np.argmax(np.bincount(states, told.weights)))
@@ -561,7 +568,7 @@ class LiveForecasts:
             return np.ones((len(self._members), len(self.leads)))
         everyone = np.array(list(self._bank.member_weights(state).values()))[self._places]
         own = between(everyone, self._bank.leads, np.array(self.leads, dtype=np.float64))
-        return np.maximum(own / own.sum(axis=0), _NEGLIGIBLE)
+        return np.maximum(own / own.sum(axis=0), _LEAST_TRUSTED)
 
     def _shares(self, live: Live, state: Any) -> Array:
         """(E, H): weights of the physical members under plans of set-points; 0 for those that do not count."""
