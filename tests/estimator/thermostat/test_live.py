@@ -191,6 +191,17 @@ def test_a_bank_goes_on_from_a_checkpoint_with_the_same_bits_and_asking_changes_
         assert values.tobytes() == second[name].tobytes(), name
 
 
+def test_a_member_that_does_not_count_under_plans_is_judged_as_well_and_can_come_back():
+    data = recorded(4, PERIOD)
+    zone = Zone("bank", BANK).run(data, 0, 3 * DAILY)
+    members = zone.live.members
+    behind = np.repeat([[0.0], [500.0]], members.excess.shape[1], axis=1)
+    zone.live = zone.forecasts.restarted(zone.live)._replace(members=members._replace(excess=behind))
+    zone.run(data, 3 * DAILY, 4 * DAILY)
+    # Where the first was the worse one of the two, it has lost something.
+    assert (zone.live.members.excess[0] > 0.0).any()
+
+
 def test_what_was_stored_before_there_was_any_begins_anew():
     forecasts = Zone("bank", BANK).forecasts
     assert forecasts.unpack({}).step == 0
