@@ -27,8 +27,9 @@ from estimator.verification.scores import expected_distance, merged
 COMPONENTS = 12
 """Gaussians that stand for a member when its share in the mixture's score is computed."""
 
-_LARGEST = 5.0
-"""Bound of the cost of one forecast, in units of the mixture's."""
+_LARGEST = 20.0
+"""Bound of the cost of one forecast, in units of the mixture's. A lower one spares members that are far off whenever
+something happens, in a room where mostly nothing does."""
 
 
 class Costs(NamedTuple):
