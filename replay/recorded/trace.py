@@ -20,6 +20,7 @@ from service.forecast.learned import learned_laws
 from service.forecast.room import Past, RoomQuestion
 from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.record import values
+from service.records.series import GAIN
 from service.records.skill import Skill
 from service.records.update import Update
 from service.zone.foresight.outlook import NO_WEATHER
@@ -193,12 +194,12 @@ class Tracer:
         if not self._rows:
             return None
         rows, table = self._rows[-_ROOM_DAYS * DAY // self._worker.period :], np.array(self._inputs)
-        names = ("time", "y", "setpoint", "gain_median")
-        times, y, setpoint, gain = np.array(
+        names = ("time", "y", "setpoint", *GAIN)
+        times, y, setpoint, *gain = np.array(
             [[getattr(row, name) for name in names] for row in rows], dtype=np.float64
         ).T
         inputs = table.reshape(len(self._rows), -1)[-len(rows) :]
-        past = Past(times, float(self._worker.period), y, setpoint, gain, inputs)
+        past = Past(times, float(self._worker.period), y, setpoint, np.column_stack(gain), inputs)
         area = self._zone.floor_area
         question = RoomQuestion(past, np.nan if area is None else area, self._zone.whereabouts.time_zone)
         return question(self._worker, NO_WEATHER, lambda: False)

@@ -20,8 +20,9 @@ from estimator.diagnosis import finding as kinds
 from estimator.diagnosis.finding import Diagnosis, Finding, amount
 from estimator.network.network import Network
 from service.forecast.answers import Room, RoomAnswer, ToDo
+from service.forecast.looking_back import last_day, lost_heat
 from service.records.outlook import Weather
-from service.records.series import Series
+from service.records.series import GAIN, Series
 from service.records.trust import UNTRUSTED, Trust
 from service.zone.worker import Standing, ZoneWorker
 
@@ -67,14 +68,15 @@ class Past(NamedTuple):
     setpoint: Array
     """(K,) degC."""
     gain: Array
-    """(K,) W that nobody measures, as the estimator infers it."""
+    """(K, 3) W that nobody measures, as the estimator infers it, at _LEVELS."""
     inputs: Array
     """(K, n_u) in the network's units."""
 
     @classmethod
     def of(cls, series: Series) -> Past:
         """A stretch of history."""
-        y, setpoint, gain = (series.means[name] for name in ("y", "setpoint", "gain_median"))
+        y, setpoint = (series.means[name] for name in ("y", "setpoint"))
+        gain = np.column_stack([series.means[name] for name in GAIN])
         return cls(series.times.astype(np.float64), float(series.bucket), y, setpoint, gain, series.inputs)
 
 
@@ -106,6 +108,8 @@ class RoomQuestion(NamedTuple):
             *_pace(worker, standing),
             _heat_answer(elsewhere, sun, people),
             *_energy(worker, self.past, loss, doubt),
+            *lost_heat(self.past.times, self.past.step, self.past.gain, self.zone),
+            *last_day(worker, self.past.times, self.past.step, self.past.inputs, self.past.gain[:, 1]),
         ]
         told = sorted(_told(worker.network, comfort, self.past, diagnosis, trust, standing), key=lambda one: one[0])
         return Room(
@@ -254,7 +258,7 @@ class _Elsewhere(NamedTuple):
 
     @classmethod
     def of(cls, worker: ZoneWorker, past: Past) -> _Elsewhere:
-        gain = np.where(np.isfinite(past.gain), past.gain, 0.0)
+        gain = np.nan_to_num(past.gain[:, 1])
         found = cls(np.zeros((len(gain), 3)), np.tile(gain[:, None], 3))
         summary, network = worker.parameters(_LEVELS), worker.network
         if summary is None or not len(summary.coefficients):

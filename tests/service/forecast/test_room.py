@@ -17,7 +17,7 @@ from service.zone.foresight.outlook import NO_WEATHER
 PERIOD, DAYS = 1800, 6
 OUTPUTS, INPUTS, SETPOINTS = recorded(DAYS, PERIOD)
 TIMES = 1_767_571_200.0 + PERIOD * np.arange(len(OUTPUTS))
-PAST = Past(TIMES, PERIOD, OUTPUTS[:, 0], SETPOINTS, np.full(len(OUTPUTS), np.nan), INPUTS)
+PAST = Past(TIMES, PERIOD, OUTPUTS[:, 0], SETPOINTS, np.full((len(OUTPUTS), 3), np.nan), INPUTS)
 TRUE_LOSS = 1.0 / (1.0 / 600.0 + 1.0 / 140.0)
 """W/K of the house: its two conductances in series."""
 
@@ -106,7 +106,7 @@ def test_it_cools_and_heats_as_fast_as_the_house(worker):
 @pytest.mark.parametrize(("zone", "hour"), [(None, 12), ("Europe/Berlin", 13), ("America/New_York", 7)])
 def test_heat_from_elsewhere_is_told_by_the_local_hour(worker, zone, hour):
     at_noon = np.where(TIMES // 3600 % 24 == 12, 240.0, 0.0)
-    room = asked(worker, PAST._replace(gain=at_noon), zone=zone)
+    room = asked(worker, PAST._replace(gain=np.tile(at_noon[:, None], 3)), zone=zone)
     assert room.people[hour] == pytest.approx(240.0)
     assert sum(room.people) == pytest.approx(240.0)
     assert f"10 W on average, 240 W around {hour}:30" in answers(room)["other_heat"].sentence

@@ -31,6 +31,7 @@ SPOKEN = {
     "service/zone/trust.py": None,
     "service/zone/clock.py": ("implausible",),
     "service/zone/worker.py": ("_unusable_inputs", "_step"),
+    "service/forecast/looking_back.py": None,
     "service/forecast/room.py": None,
     "estimator/diagnosis/balance.py": None,
     "estimator/diagnosis/forecasts.py": None,

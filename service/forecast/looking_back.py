@@ -1,0 +1,125 @@
+"""Why the forecasts of the last day were wrong, and what an open window cost: answers about a room that look back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+
+import numpy as np
+
+from adapters.timestamps import time_zone
+from estimator.arrays import Array
+from estimator.diagnosis.finding import amount
+from service.forecast.answers import RoomAnswer
+from service.zone.worker import ZoneWorker
+
+_HOUR, _DAY = 3600.0, 86400.0
+_KWH = 3.6e6
+_LEAD = 6 * 3600
+"""s ahead at which forecasts are judged: as far as a room is heated ahead."""
+_ENOUGH = 6
+"""Verified forecasts of the last day before they say anything."""
+_WRONG = 0.5
+"""K by which forecasts may be off without a reason being told."""
+_EXPLAINED = 0.6
+"""Share of the error that is left once heating and weather are known, up to which these explain it."""
+_UNUSUAL = 0.5
+"""Standard deviations of an input from what is usual at the hour, on the mean of a day, that are worth a word."""
+_NOTED = 0.05
+"""kWh of lost heat that are worth a sentence."""
+
+
+def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Iterator[RoomAnswer]:
+    """The heat that was lost while heat was lost for certain that nobody measures, as through an open window.
+
+    `gain` (K, 3) [W] has the .025, .5 and .975 quantiles of unmeasured heat in the intervals of `step` s that begin at
+    `times` (K,) [UTC s]; `zone` is the IANA name of the local time. Errors of one loss are taken to err together.
+    """
+    if not np.isfinite(gain).any():
+        return
+    with np.errstate(invalid="ignore"):
+        lost = gain[:, 2] < 0.0
+    # .975, .5 and .025 quantile of the gain: the least, the likely and the most that was lost.
+    energy = np.where(lost[:, None], -gain[:, ::-1], 0.0) * step / _KWH
+    low, likely, high = energy.sum(axis=0).tolist()
+    days = len(times) * step / _DAY
+    if likely < _NOTED:
+        sentence = f"No open window was noticed in {days:.1f} days"
+        yield RoomAnswer("window", sentence, "kWh", likely, low, high)
+        return
+    follows = np.concatenate([[False], lost[1:] & lost[:-1] & (np.diff(times) < 1.5 * step)])
+    number = np.cumsum(lost & ~follows)
+    most = int(np.argmax(np.bincount(number, energy[:, 1])))
+    inside = times[lost & (number == most)]
+    local = UTC if zone is None else time_zone(zone)
+    begin, end = (datetime.fromtimestamp(when, local) for when in (inside[0], inside[-1] + step))
+    sentence = (
+        f"An open window, or something else that nobody measures, took away about {amount(likely)} kWh in "
+        f"{days:.1f} days; 95 % between {amount(low)} and {amount(high)} kWh; "
+        f"most at once from {begin:%Y-%m-%d %H:%M} to {end:%H:%M}"
+    )
+    yield RoomAnswer("window", sentence, "kWh", likely, low, high)
+
+
+def last_day(worker: ZoneWorker, times: Array, step: float, inputs: Array, gain: Array) -> Iterator[RoomAnswer]:
+    """How far the forecasts of the last day were off 6 h ahead as they were issued, and why.
+
+    `inputs` (K, n_u) and `gain` (K,) [W], unmeasured, are of the intervals of `step` s that begin at `times` [UTC s].
+    """
+    skill = worker.skill()
+    if skill is None:
+        return
+    known = {one.lead: one for one in skill.over(1)}
+    issued = [one for one in skill.issued_over(1) if one.forecasts >= _ENOUGH and one.lead in known]
+    if not issued:
+        return
+    one = min(issued, key=lambda each: abs(each.lead - _LEAD))
+    parts = [f"In the last day the forecasts {one.lead / _HOUR:g} h ahead were off by {one.rmse:.1f} K"]
+    if one.rmse > _WRONG:
+        left = known[one.lead].rmse
+        if left <= _EXPLAINED * one.rmse:
+            parts.append(
+                "mostly because heating or weather came otherwise than foreseen, for with both known it would have "
+                f"been {left:.1f} K"
+            )
+            parts += _departed(worker, times, inputs)
+        else:
+            parts.append(_unmeasured(times, step, gain))
+    yield RoomAnswer("last_day", "; ".join(parts), "K", one.rmse)
+
+
+def _departed(worker: ZoneWorker, times: Array, inputs: Array) -> Iterator[str]:
+    """The input that departed most from what is usual at the hour."""
+    network, found = worker.network, []
+    for channel, values in zip(network.inputs, inputs.T, strict=True):
+        spread, away = float(np.nanstd(values)), _against_usual(times, values)
+        if spread > 0.0 and abs(away) > _UNUSUAL * spread:
+            found.append((abs(away) / spread, channel, away))
+    if found:
+        _, channel, away = max(found)
+        side = "above" if away > 0.0 else "below"
+        yield f"{channel} was {amount(abs(away))} {network.channel_unit(channel)} {side} what is usual at the hour"
+
+
+def _unmeasured(times: Array, step: float, gain: Array) -> str:
+    """Whether heat that nobody measures explains an error."""
+    away = _against_usual(times, gain) * _DAY / _KWH
+    if abs(away) > 10.0 * _NOTED:
+        did = "brought" if away > 0.0 else "took away"
+        return (
+            f"something that nobody measures, such as people or a window, {did} {amount(abs(away))} kWh more than usual"
+        )
+    return "heating and weather do not explain it, so the model does not know this room well enough"
+
+
+def _against_usual(times: Array, values: Array) -> float:
+    """How much more the mean of the last day is than that of the days before at the same hours; 0 if unknown."""
+    new, hour = times > times[-1] - _DAY, (times % _DAY // _HOUR).astype(np.int64)
+    means = []
+    for part in (new, ~new):
+        chosen = part & np.isfinite(values)
+        count = np.bincount(hour[chosen], minlength=24)
+        with np.errstate(invalid="ignore"):
+            means.append(np.bincount(hour[chosen], values[chosen], minlength=24) / count)
+    away = means[0] - means[1]
+    return float(np.nanmean(away)) if np.isfinite(away).any() else 0.0

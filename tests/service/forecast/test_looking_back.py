@@ -1,0 +1,84 @@
+"""What an open window cost, and why the forecasts of the last day were wrong."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from replay.reports.language import sayer
+from service.forecast.looking_back import last_day, lost_heat
+
+STEP, DAYS = 600.0, 5
+TIMES = 1_767_571_200.0 + STEP * np.arange(DAYS * 144)
+CALM = np.tile([-80.0, 0.0, 90.0], (len(TIMES), 1))
+
+
+def opened(*stretches):
+    """Gain with windows open over `stretches` of places, each with its heat [W]."""
+    gain = CALM.copy()
+    for first, last, watts in stretches:
+        gain[first:last] = -watts + np.array([-100.0, 0.0, 100.0])
+    return gain
+
+
+def test_heat_lost_through_windows_is_the_sum_of_what_was_lost_for_certain():
+    gain = opened((72, 78, 1200.0), (300, 303, 900.0), (400, 500, 90.0))
+    (answer,) = lost_heat(TIMES, STEP, gain, "Europe/Berlin")
+    assert answer.value == pytest.approx(1.2 + 0.45), "the third may be nothing"
+    assert (answer.lower, answer.upper) == (pytest.approx(1.1 + 0.4), pytest.approx(1.3 + 0.5))
+    assert "most at once from 2026-01-05 13:00 to 14:00" in answer.sentence
+    assert "kein" not in sayer("de")(answer.sentence)
+
+
+def test_a_gap_parts_two_losses():
+    gain = opened((72, 84, 1200.0))
+    times = TIMES.copy()
+    times[78:] += 86_400.0
+    (answer,) = lost_heat(times, STEP, gain, None)
+    assert answer.value == pytest.approx(2.4)
+    assert "most at once from 2026-01-05 12:00 to 13:00" in answer.sentence
+
+
+def test_a_closed_window_is_told_and_an_unknown_gain_is_not():
+    (answer,) = lost_heat(TIMES, STEP, CALM, None)
+    assert answer.sentence == "No open window was noticed in 5.0 days"
+    assert list(lost_heat(TIMES, STEP, np.full_like(CALM, np.nan), None)) == []
+
+
+def worker(issued, known, forecasts=20):
+    def window(days, error):
+        return tuple(SimpleNamespace(lead=lead, forecasts=forecasts, rmse=error) for lead in (3600, 21600, 86400))
+
+    skill = SimpleNamespace(over=lambda days: window(days, known), issued_over=lambda days: window(days, issued))
+    network = SimpleNamespace(inputs=("T_out", "u_heat"), channel_unit={"T_out": "degC", "u_heat": "W"}.get)
+    return SimpleNamespace(skill=lambda: skill, network=network)
+
+
+def asked(of, inputs=None, gain=None):
+    usual = np.column_stack([5.0 + np.sin(TIMES / 13750.0), 500.0 + 400.0 * np.cos(TIMES / 9000.0)])
+    nothing = np.zeros(len(TIMES))
+    return list(last_day(of, TIMES, STEP, usual if inputs is None else inputs, nothing if gain is None else gain))
+
+
+def test_forecasts_that_were_right_need_no_reason():
+    (answer,) = asked(worker(0.3, 0.2))
+    assert answer.sentence == "In the last day the forecasts 6 h ahead were off by 0.3 K"
+    assert (answer.value, answer.unit) == (0.3, "K")
+    assert asked(worker(0.3, 0.2, forecasts=3)) == []
+
+
+def test_an_input_that_came_otherwise_is_named():
+    inputs = np.column_stack([np.full(len(TIMES), 5.0), np.where(TIMES[-1] - 86_400.0 < TIMES, 1500.0, 500.0)])
+    (answer,) = asked(worker(1.4, 0.4), inputs)
+    assert "with both known it would have been 0.4 K; u_heat was 1000 W above what is usual" in answer.sentence
+    assert sayer("de")(answer.sentence).endswith("u_heat lag 1000 W über dem, was zu der Stunde üblich ist")
+
+
+def test_heat_that_nobody_measures_is_named_with_its_energy_else_the_model():
+    gain = np.where(TIMES[-1] - 6 * 3600.0 < TIMES, -400.0, 0.0)
+    (answer,) = asked(worker(1.4, 1.3), gain=gain)
+    assert answer.sentence.endswith("such as people or a window, took away 2.4 kWh more than usual")
+    (answer,) = asked(worker(1.4, 1.3))
+    assert answer.sentence.endswith("so the model does not know this room well enough")
