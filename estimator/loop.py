@@ -27,7 +27,7 @@ from estimator.diagnosis.diagnose import diagnose, due
 from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record, no_record, with_sample
 from estimator.diagnosis.telemetry import lies
-from estimator.diagnosis.telemetry.earlier import Earlier, doubtful_since, kept, known_at
+from estimator.diagnosis.telemetry.earlier import Earlier, differ, doubtful_since, kept, known_at
 from estimator.diagnosis.telemetry.recent import Recent, inputs_at, nothing_recent, with_measured
 from estimator.foresight import Day, foreseen, no_day, with_inputs
 from estimator.heat.known import KnownHeat
@@ -218,8 +218,8 @@ class Loop:
         return Step(after, posterior, started, scored, ahead)
 
     def _watched(self, carried: Carried, time: int, outputs: Array, drive: Array) -> Carried:
-        """`carried` with what was measured at `time`, looked through once in lies.EVERY s; while something of it is
-        suspected, nothing is learned of it."""
+        """`carried` with what was measured at `time`, looked through once in lies.EVERY s; when something of it
+        begins or ceases to be suspected, what was learned of it is given up."""
         network, period = self.estimator.network, int(self.estimator.period)
         measured = np.where(carried.held.times == time + period, carried.held.values, np.nan)
         recent = with_measured(carried.recent, time, float(outputs[0]), measured)
@@ -233,7 +233,7 @@ class Loop:
         since = doubtful_since(carried.suspicions, suspicions, time)
         if since is not None:
             after = after._replace(thermostat=thermostats.without(after.thermostat, since))
-            given_up = known_at(carried.earlier, since)
+            given_up = known_at(carried.earlier, since) if differ(carried.suspicions, suspicions) else None
             return after if given_up is None else self._gone_back(after, given_up, outputs, drive)
         if not looked or suspicions or carried.standing is None:
             return after

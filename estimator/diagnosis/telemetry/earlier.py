@@ -33,13 +33,18 @@ def kept(earlier: tuple[Earlier, ...], time: float, state: Any, live: Live) -> t
 
 
 def doubtful_since(before: Iterable[Suspicion], now: Iterable[Suspicion], time: float) -> float | None:
-    """Since when [UTC s] what is learned is given up, at a look at `time` [UTC s]; None where it is kept.
+    """Since when [UTC s] what is learned is not to be believed, at a look at `time` [UTC s]; None where it is.
 
-    While something is suspected nothing is learned, and once more when that ends: what was suspected `before`. After
-    SETTLED it is the truth of now.
+    It is not while something is suspected, and once more when that ends: what was suspected `before`. After SETTLED it
+    is the truth of now.
     """
     young = (one.since for one in (*before, *now) if time - one.since < SETTLED * _HOUR)
     return min(young, default=None)
+
+
+def differ(before: Iterable[Suspicion], now: Iterable[Suspicion]) -> bool:
+    """Whether something is suspected `now` that was not `before`, or the other way round."""
+    return {(one.name, one.column) for one in before} != {(one.name, one.column) for one in now}
 
 
 def known_at(earlier: tuple[Earlier, ...], since: float) -> Earlier | None:
