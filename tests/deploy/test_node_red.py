@@ -49,7 +49,7 @@ async def test_it_tells_the_house_when_to_heat_and_how_warm_it_will_be(tmp_path:
     start, forecast = update.time + 3600.0, update.forecast
     heating = NextHeatingPayload(21.0, start + 7200.0, 0.9, start, 0.95)
     times = (update.time, forecast.issue_time, forecast.valid_time)
-    reports = Reports(ahead=AheadPayload(*times, 1800.0, 0.95, Quality.GOOD, (), heating))
+    reports = Reports(ahead=AheadPayload(*times, 1800.0, 0.95, Quality.GOOD, (), (), heating))
     announcement = Announcement("htwg", "room1", zone.now()._replace(update=update), reports=reports)
     app = create_app("htwg", {"room1": zone}, CollectorRegistry())
     async with serving(app, config()) as server:
