@@ -287,13 +287,26 @@ def _amounts(look: Look) -> Found:
             continue
         latest = new[told[-look.slots(3.0) :]]
         size = float(np.median(np.abs(latest)))
-        small = np.abs(past[np.abs(past) > 1e-6 * highest]) < highest / 300.0
-        if size > 20.0 * highest:
-            yield UNIT_CHANGED, column, _since(look, np.abs(new) > 20.0 * highest)
-        elif len(latest) == look.slots(3.0) and np.abs(latest).max() < highest / 300.0 and small.mean() < 0.1:
-            yield UNIT_CHANGED, column, _since(look, (np.abs(new) > 0.0) & (np.abs(new) < highest / 300.0))
+        usual = np.abs(past[np.abs(past) > 1e-6 * highest])
+        small = (usual < highest / 300.0).mean()
+        large, little = np.abs(new) > 20.0 * highest, (np.abs(new) > 0.0) & (np.abs(new) < highest / 300.0)
+        if size > 20.0 * highest and _as_usual(np.abs(new[large]).max() / 1000.0, usual):
+            yield UNIT_CHANGED, column, _since(look, large)
+        elif (
+            len(latest) == look.slots(3.0)
+            and np.abs(latest).max() < highest / 300.0
+            and small < 0.1
+            and _as_usual(np.abs(new[little]).max() * 1000.0, usual)
+        ):
+            yield UNIT_CHANGED, column, _since(look, little)
         if lowest >= -0.01 * highest and latest.min() < -0.05 * highest and latest.max() <= 0.0:
             yield SIGN_FLIPPED, column, _since(look, new < -0.01 * highest)
+
+
+def _as_usual(size: float, usual: Array) -> bool:
+    """Whether the most that a meter tells, `size` [W], is like what it has told as a rule, `usual` (n,). The noise of a
+    heater that is off is not, in any unit, nor is the first heat after a summer of such noise."""
+    return bool(np.quantile(usual, 0.1) <= size <= 1.5 * usual.max())
 
 
 def _since(look: Look, where: npt.NDArray[np.bool_]) -> float:

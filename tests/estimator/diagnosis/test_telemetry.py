@@ -94,6 +94,14 @@ def test_a_set_point_raised_for_good_is_no_lie():
     assert not [stood for _, stood in watched(np.column_stack([outputs, inputs])) if stood]
 
 
+@pytest.mark.parametrize("off", [slice(CLEAN, CLEAN + LYING), slice(0, CLEAN)], ids=["off", "on again"])
+def test_noise_of_a_heater_that_is_off_is_no_other_unit(rows, off):
+    told = rows[: CLEAN + LYING].copy()
+    told[off, 2] = np.random.default_rng(4).uniform(0.03, 0.13, len(told[off]))
+    names = {one.name for _, stood in watched(told, CLEAN) for one in stood}
+    assert UNIT_CHANGED not in names
+
+
 @pytest.mark.parametrize("lie", ["stuck", "spikes", "outdoor stuck", "outdoor flipped", "kW", "sign", "dead"])
 def test_a_suspicion_ends_with_the_lie(rows, lie):
     column, told, name, _ = LIES[lie]
