@@ -24,24 +24,24 @@ class DataError(ServiceError):
     """A table of measurements, a plan or a file of a model that cannot be used."""
 
 
-class ReloadRefused(ServiceError):
-    """Nothing was changed. `problems` holds one sentence for every obstacle."""
+class _Refusal(ServiceError):
+    """Something is refused for `problems`, one sentence each."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         super().__init__("; ".join(problems))
         self.problems = list(problems)
+
+
+class ReloadRefused(_Refusal):
+    """Nothing was changed. `problems` holds one sentence for every obstacle."""
 
 
 class PlanError(ServiceError):
     """What is planned of an input cannot be; the text goes on after the place of the input."""
 
 
-class RequestError(ServiceError):
+class RequestError(_Refusal):
     """A request for forecasts that cannot be answered as it is. `problems` holds one sentence per mistake."""
-
-    def __init__(self, problems: Sequence[str]) -> None:
-        super().__init__("; ".join(problems))
-        self.problems = list(problems)
 
 
 class TooManyQuestions(ServiceError):

@@ -1,13 +1,8 @@
-"""Pauses between attempts at what keeps failing, and between sentences about it."""
+"""Pauses between attempts at what keeps failing."""
 
 from __future__ import annotations
 
 import asyncio
-import math
-import time
-
-REPEAT = 600.0
-"""The same is said again after this time at the earliest, in s."""
 
 
 class GrowingPause:
@@ -33,18 +28,3 @@ async def within(event: asyncio.Event, seconds: float) -> bool:
             return await event.wait()
     except TimeoutError:
         return False
-
-
-class Seldom:
-    """Keeps the log from saying the same again and again."""
-
-    def __init__(self) -> None:
-        self._again: dict[str, float] = {}
-
-    def due(self, what: str = "") -> bool:
-        """Whether `what` may be said now, which is then not due for REPEAT s."""
-        now = time.monotonic()
-        due = now >= self._again.get(what, -math.inf)
-        if due:
-            self._again[what] = now + REPEAT
-        return due

@@ -259,10 +259,6 @@ def path(value: object, info: ValidationInfo) -> Path:
         ) from None
 
 
-def _written_pace(value: float) -> float | str:
-    return "max" if value == math.inf else value
-
-
 # A check before pydantic's own makes ours the only sentence an operator can see about a value.
 Text = Annotated[str, BeforeValidator(text)]
 Column = Annotated[str, BeforeValidator(column)]
@@ -284,7 +280,7 @@ PositiveDuration = Annotated[float, BeforeValidator(positive_duration), _AsText]
 Timeout = Annotated[PositiveDuration, AfterValidator(bearable)]
 JournalSize = Annotated[int, BeforeValidator(journal_size), PlainSerializer(format_size)]
 Period = Annotated[int, BeforeValidator(period), _AsText]
-Pace = Annotated[float, PlainValidator(pace), PlainSerializer(_written_pace)]
+Pace = Annotated[float, PlainValidator(pace), PlainSerializer(lambda pace: "max" if pace == math.inf else pace)]
 Endpoint = Annotated[str, BeforeValidator(endpoint)]
 TimeZone = Annotated[str, BeforeValidator(time_zone)]
 Country = Annotated[str, BeforeValidator(country)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping, Sequence
+from math import inf
 from typing import NamedTuple
 
 from tqdm import tqdm
@@ -55,8 +56,8 @@ async def _read(
     with tqdm(unit=" samples", delay=SLOW, desc="reading", disable=shown) as bar:
         async for part in recorded(config, alignments, start, end):
             if part.zone in alignments:
-                alignment, now = alignments[part.zone], part.now
-                found = alignment.end(part.source) if now is None else alignment.add(part.source, part.readings, now)
+                alignment, ended = alignments[part.zone], part.now == inf
+                found = alignment.end(part.source) if ended else alignment.add(part.source, part.readings, part.now)
                 bar.update(len(found))
                 samples[part.zone] += [
                     sample

@@ -6,17 +6,21 @@ A command imports what it needs when it runs, so that `thermogate --help` does n
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
-from adapters.fields.numbers import read_number, read_whole
+from adapters.fields.numbers import read_number, read_whole, whole_in
 from adapters.fields.times import ZoneMissing, parse_time
+from adapters.fields.words import suggestion
 from service.errors import ConfigError
 
 if TYPE_CHECKING:
     from adapters.channel import SourceConfig
     from service.config.site import Config
+
+Value = TypeVar("Value")
 
 AddCommand = Callable[[str, Callable[[argparse.Namespace], int], str], argparse.ArgumentParser]
 """`add(name, command, text)`: a subparser with the options that every command has."""
@@ -45,57 +49,57 @@ def load_source_tables(arguments: argparse.Namespace) -> dict[str, SourceConfig]
 
 def require_zones(config: Config, wanted: Sequence[str], option: str) -> None:
     """Raise ConfigError if one of the zones that `option` names does not exist."""
-    ids = [zone.id for zone in config.zones]
-    unknown = [zone for zone in wanted if zone not in ids]
-    if unknown:
-        raise ConfigError([f'{option}: there is no zone "{zone}"; the zones are {", ".join(ids)}' for zone in unknown])
+    require(wanted, [zone.id for zone in config.zones], option, "zone")
+
+
+def require(wanted: Sequence[str], known: Collection[str], option: str, noun: str) -> None:
+    """Raise ConfigError if one of the things, each a `noun`, that `option` names is not `known`."""
+    wrong = [(name, suggestion(name, known, f"the {noun}s are")) for name in wanted if name not in known]
+    if wrong:
+        raise ConfigError([f'{option}: there is no {noun} "{name}"; {near}' for name, near in wrong])
+
+
+def checked(read: Callable[[str], Value | None], sentence: str) -> Callable[[str], Value]:
+    """What takes the texts of which `read` makes something, and gives that; of any other it says the `sentence`."""
+
+    def parse(text: str) -> Value:
+        if (value := read(text)) is None:
+            raise argparse.ArgumentTypeError(f"{text!r} {sentence}")
+        return value
+
+    return parse
 
 
 def whole(lower: int, upper: int) -> Callable[[str], int]:
     """A reader of whole numbers from `lower` to `upper`."""
-
-    def parse(text: str) -> int:
-        value = read_whole(text)
-        if value is None or not lower <= value <= upper:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {lower} to {upper}")
-        return value
-
-    return parse
+    return checked(
+        lambda text: whole_in(read_whole(text), lower, upper), f"is not a whole number from {lower} to {upper}"
+    )
 
 
 def whole_range(lower: int, upper: int) -> Callable[[str], tuple[int, int]]:
     """A reader of a whole number, or of a range "first-last" of them, from `lower` to `upper`."""
 
-    def parse(text: str) -> tuple[int, int]:
+    def ends(text: str) -> tuple[int, int] | None:
         first, _, last = text.partition("-")
         begin, end = read_whole(first), read_whole(last or first)
-        if begin is None or end is None or not lower <= begin <= end <= upper:
-            raise argparse.ArgumentTypeError(
-                f'{text!r} is no range of whole numbers from {lower} to {upper}, such as "1-10"'
-            )
-        return begin, end
+        return None if begin is None or end is None or not lower <= begin <= end <= upper else (begin, end)
 
-    return parse
+    return checked(ends, f'is no range of whole numbers from {lower} to {upper}, such as "1-10"')
+
+
+def _within(text: str, lower: float, upper: float = math.inf) -> float | None:
+    value = read_number(text)
+    return value if value is not None and lower <= value <= upper else None
 
 
 def number(lower: float, upper: float) -> Callable[[str], float]:
     """A reader of numbers from `lower` to `upper`."""
-
-    def parse(text: str) -> float:
-        value = read_number(text)
-        if value is None or not lower <= value <= upper:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a number from {lower:g} to {upper:g}")
-        return value
-
-    return parse
+    return checked(lambda text: _within(text, lower, upper), f"is not a number from {lower:g} to {upper:g}")
 
 
-def positive(text: str) -> float:
-    """A finite number above 0."""
-    value = read_number(text)
-    if value is None or not value > 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
-    return value
+positive = checked(lambda text: _within(text, 0.0) or None, "is not a number above 0")
+"""A reader of finite numbers above 0."""
 
 
 def instant(text: str) -> float:

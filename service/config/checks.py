@@ -24,7 +24,7 @@ from service.zone.alignment import SETPOINT, unit_of
 _MORE_CHANNELS = "; it also takes I_sol for the sun, and neighbours whose names begin with T_adj"
 
 
-@dataclass(frozen=True)
+@dataclass
 class ZoneDraft:
     """What could be read of one zone; each part is there or not independently of the others.
 

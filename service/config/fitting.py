@@ -64,6 +64,7 @@ def make_alignment(
     # A worker stalls once neither prediction nor held inputs bridge the silence; empty samples beyond that say nothing.
     longest = max(zone.hold_inputs, *zone.max_ages.values(), 0.0)
     bridged = min(max(zone.max_gap, ceil(longest / zone.period)) + 1, _MOST_EMPTY)
+    held = None if zone.setpoint is None else zone.hold_inputs
     rules = Rules(
         {channel: table.aggregate for channel, table in zone.delivered.items()},
         zone=zone.id,
@@ -74,13 +75,9 @@ def make_alignment(
         live=live,
         # Nothing that is dated by a clock that was never set is believed.
         earliest=PLAUSIBLE if live else EARLIEST,
-        setpoint_age=None if zone.setpoint is None else _default(zone.setpoint.max_age, zone.hold_inputs),
+        setpoint_age=held if zone.setpoint is None or zone.setpoint.max_age is None else zone.setpoint.max_age,
     )
     return Alignment(zone.network, zone.period, {table.source for table in zone.delivered.values()}, rules)
-
-
-def _default(value: float | None, otherwise: float) -> float:
-    return otherwise if value is None else value
 
 
 Outputs = Mapping[tuple[str, str], Sequence[tuple[str, str]]]

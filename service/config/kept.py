@@ -10,26 +10,24 @@ from service.errors import ServiceError
 from service.store.durable_files import sync_folder, write_file
 from service.store.store import CONFIGURATION
 
-FILE = CONFIGURATION
-
 
 def keep_configuration(config: Config) -> None:
     """Write the effective `config` into its state folder, readable for its owner only; OSError where that fails."""
     folder = config.site.state_dir
-    temporary = folder / f"{FILE}.tmp"
+    temporary = folder / f"{CONFIGURATION}.tmp"
     temporary.unlink(missing_ok=True)
     head = "# Written by the daemon at every start and reload; changes here have no effect.\n"
     write_file(temporary, f"{head}{effective_toml(config)}".encode())
-    temporary.replace(folder / FILE)
+    temporary.replace(folder / CONFIGURATION)
     sync_folder(folder)
 
 
 def kept_configuration(state_dir: Path) -> Path:
     """The configuration of the daemon whose state is in `state_dir`; ServiceError where none was kept."""
-    path = state_dir / FILE
+    path = state_dir / CONFIGURATION
     if not path.exists():
         raise ServiceError(
-            f"there is no {FILE} in {state_dir}, which the daemon writes at its start; name the configuration with "
-            "--config, or the folder that site.state_dir names"
+            f"there is no {CONFIGURATION} in {state_dir}, which the daemon writes at its start; name the configuration "
+            "with --config, or the folder that site.state_dir names"
         )
     return path

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -219,7 +218,9 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
     drafts = [_read_zone(table, ("zones", index), known, problems, context) for index, table in enumerate(raw_zones)]
     check_ids(raw_zones, problems)
     whereabouts = Whereabouts() if site is None else site.whereabouts
-    drafts = [_heated(draft, whereabouts, problems) for draft in drafts]
+    for draft in drafts:
+        if draft.table is not None and draft.network is not None:
+            draft.network = heated(draft.network, draft.table, whereabouts, draft.place, problems)
     options = [check_zone(draft, {name: kind for name, (kind, _) in known.items()}, problems) for draft in drafts]
     check_weather(weather, drafts, problems)
     if raw_zones:
@@ -369,13 +370,6 @@ def _read_zone(table: Any, place: Place, sources: _Known, problems: Problems, co
         setpoint = _read_channel(table["setpoint"], (*place, SETPOINT), sources, problems, context)
         rest["setpoint"] = setpoint
     return ZoneDraft(place, problems.read(ZoneTable, rest, place, context), network, names, channels, setpoint)
-
-
-def _heated(draft: ZoneDraft, whereabouts: Whereabouts, problems: Problems) -> ZoneDraft:
-    """`draft` with what its network knows of sun and habits."""
-    if draft.table is None or draft.network is None:
-        return draft
-    return replace(draft, network=heated(draft.network, draft.table, whereabouts, draft.place, problems))
 
 
 def completed(zone: ZoneTable, network: Network, options: object, whereabouts: Whereabouts) -> ZoneConfig:

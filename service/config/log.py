@@ -10,12 +10,7 @@ from pydantic import BaseModel, BeforeValidator, Field
 from adapters.fields.tables import TABLE
 from adapters.fields.values import Count, choice
 
-LEVELS = {
-    "debug": logging.DEBUG,
-    "info": logging.INFO,
-    "warning": logging.WARNING,
-    "error": logging.ERROR,
-}
+LEVELS = {name: logging.getLevelNamesMapping()[name.upper()] for name in ("debug", "info", "warning", "error")}
 
 
 class LogConfig(BaseModel):

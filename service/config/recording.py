@@ -4,28 +4,18 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Collection
 from math import inf, isfinite
-from typing import NamedTuple
 
 from adapters.errors import SourceError
-from adapters.reading import Reading
-from adapters.routing import Router
+from adapters.routing import Delivery, Router
 from service.config.site import Config
 from service.errors import ServiceError
 
 
-class Part(NamedTuple):
-    """What a zone gets at once: readings of `source` up to its clock `now`, or the source's end (`now` is None)."""
-
-    zone: str
-    source: str
-    readings: list[Reading]
-    now: float | None
-
-
 async def recorded(
     config: Config, zones: Collection[str], start: float | None, end: float | None
-) -> AsyncIterator[Part]:
-    """Deliver the recordings that feed `zones`, from UTC time `start` up to `end`, without any pacing.
+) -> AsyncIterator[Delivery]:
+    """Deliver the recordings that feed `zones`, from UTC time `start` up to `end`, without any pacing. At the end of a
+    source its clock is infinite.
 
     The source whose clock is furthest behind always comes next, so that no zone's intervals wait long for another
     source. Raises ServiceError where a source is live, or a recording cannot be read.
@@ -56,12 +46,12 @@ async def recorded(
             if batch is None or (end is not None and clocks[name] >= end):
                 del clocks[name]
                 for zone in routers[name].zones:
-                    yield Part(zone, name, [], None)
+                    yield Delivery(zone, name, [], inf)
                 continue
             if isfinite(batch.now):
                 clocks[name] = batch.now
             for delivery in routers[name].split(batch):
-                yield Part(delivery.zone, name, delivery.readings, delivery.now)
+                yield delivery
     except SourceError as error:
         raise ServiceError(str(error)) from error
     finally:

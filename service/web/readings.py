@@ -18,7 +18,7 @@ from starlette.requests import ClientDisconnect
 
 from adapters.http.posted import Posted, from_lines, from_senml
 from adapters.reading import Fault, Quality
-from service.pauses import Seldom
+from adapters.watched import Seldom
 from service.records.receipt import Receipt
 from service.records.record import document_of
 from service.store.audit import AUDIT, about
@@ -128,7 +128,7 @@ class _Complaints:
         """Note why a post with `headers` was refused, which came with the key called `client`."""
         kind = _KINDS.get(HTTPStatus(error.status)) or _FORMATS[_media_type(headers)]
         self._counts[kind] += 1
-        if self._seldom.due(kind):
+        if self._seldom(kind):
             said = (client, str(error)[:_LONGEST], kind, self._counts[kind])
             sentence = "a post with the API key '%s' cannot be read: %s (%s: %d so far)"
             AUDIT.warning(sentence, *said, extra=about("unreadable", f"key {client}"))

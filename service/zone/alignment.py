@@ -135,7 +135,9 @@ class Alignment:
                     if fault is Fault.REFUSED_BY_DEVICE:
                         self.refusing.add(self.channels[self._slots[channel]])
                     continue
-                interval = self._interval(index)
+                if index not in self._open:
+                    self._open[index] = _Interval([{} for _ in self.channels], set())
+                interval = self._open[index]
                 rows = interval.readings
                 begin, end = index * self._period, (index + 1) * self._period
                 if quality is Quality.UNCERTAIN and time not in rows[self._slots[channel]]:
@@ -224,11 +226,6 @@ class Alignment:
         if fault is not None:
             self.faults[fault] += 1
         return index if fault is None and quality is not Quality.BAD else None
-
-    def _interval(self, index: int) -> _Interval:
-        if index not in self._open:
-            self._open[index] = _Interval([{} for _ in self.channels], set())
-        return self._open[index]
 
     def _advance(self) -> list[Sample]:
         clock = min(self._clocks.values(), default=-inf)

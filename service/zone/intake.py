@@ -19,7 +19,7 @@ from service.store.audit import AUDIT, about
 from service.store.journalling import JournalStore
 from service.zone.alignment import Alignment
 from service.zone.clock import PLAUSIBLE, SETTLING, WAITED_OUT, Clock
-from service.zone.mailbox import Accepted, Mailbox
+from service.zone.mailbox import Accepted, Mailbox, Mark
 
 FIRST_PAUSE = 1.0
 LONGEST_PAUSE = 60.0
@@ -37,6 +37,7 @@ class Intake:
         self.mailbox = Mailbox()
         self.alignment: Alignment | None = None
         self.live = False
+        """Whether it goes by the wall clock."""
         self.trouble: dict[str, str] = {}
         """Why a source does not deliver, by its name."""
         self.writers: dict[str, str] = {}
@@ -57,10 +58,6 @@ class Intake:
         """Samples on their way into journal and mailbox, whoever brought them."""
         self.accepting = asyncio.Lock()
         """Held while samples are on their way into journal and mailbox."""
-
-    def align(self, alignment: Alignment, live: bool) -> None:
-        """Take telemetry through `alignment` from now on; a `live` zone goes by the wall clock."""
-        self.alignment, self.live = alignment, live
 
     @property
     def aligned(self) -> Alignment:
@@ -155,7 +152,7 @@ class Intake:
             self._behind_since = steady
         elif steady - self._behind_since >= SETTLING:
             self._behind_since = None
-            self.mailbox.set_back()
+            self.mailbox.tell(Mark.SET_BACK)
 
     def is_ahead(self, now: float) -> bool:
         """Whether the newest sample lies further ahead of wall-clock time `now` than can be waited out."""
@@ -169,7 +166,7 @@ class Intake:
         self.trouble.pop(source, None)
         await self.accept(self.aligned.end(source))
         if self.aligned.ended:
-            self.mailbox.end()
+            self.mailbox.tell(Mark.ENDED)
 
     async def accept(self, samples: Sequence[Sample]) -> None:
         """Make samples durable and hand them to the worker.
@@ -202,7 +199,7 @@ class Intake:
         self._closing.set()
         async with self.accepting:
             self._closed = True
-        self.mailbox.close()
+        self.mailbox.tell(Mark.CLOSED)
 
     async def _append(self, sample: Sample) -> bool:
         """Journal a sample, for as long as it takes: without a journal nothing may be accepted. False where it failed

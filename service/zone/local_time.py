@@ -25,7 +25,11 @@ def calendar(name: str | None, country: str | None, location: Location | None) -
     Without a time zone the hours are those of the sun at the `location`, in whole hours from UTC. ValueError with one
     sentence for a country that nobody knows.
     """
-    zone = _zone(name, location)
+    zone: tzinfo
+    if name is not None:
+        zone = time_zone(name)
+    else:
+        zone = timezone(timedelta(hours=0 if location is None else round(location.longitude / 15.0)))
     holidays = _NOWHERE if country is None else public_holidays(country)
 
     def local(times: Array) -> LocalTime:
@@ -46,9 +50,3 @@ def kinds_of_day(local: Calendar) -> KindOfDay:
         return int(local(np.array([hour * _HOUR])).off[0])
 
     return lambda times: np.array([of_hour(hour) for hour in (times // _HOUR).tolist()], dtype=np.int64)
-
-
-def _zone(name: str | None, location: Location | None) -> tzinfo:
-    if name is not None:
-        return time_zone(name)
-    return timezone(timedelta(hours=0 if location is None else round(location.longitude / 15.0)))

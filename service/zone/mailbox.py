@@ -7,7 +7,6 @@ from collections import deque
 from enum import Enum
 from typing import NamedTuple
 
-from service.pauses import within
 from service.records.sample import Sample
 
 ROOM = 16
@@ -29,7 +28,7 @@ class Left(NamedTuple):
 
 
 class Mark(Enum):
-    """What a mailbox tells besides samples."""
+    """What a mailbox tells besides samples, once everything that waits is assimilated; the first of these first."""
 
     SET_BACK = "the wall clock was set back"
     ENDED = "no telemetry will follow"
@@ -46,17 +45,11 @@ class Mailbox:
     def __init__(self) -> None:
         self._items: deque[Accepted] = deque()
         self._left: Left | None = None
-        self._set_back = False
-        self._ended = False
-        self._closed = asyncio.Event()
-        self._news = asyncio.Event()
-        self._emptied = asyncio.Event()
-        """Set while the worker waits for news."""
-        self._room = asyncio.Event()
-
-    def __len__(self) -> int:
-        """Samples that wait in memory."""
-        return len(self._items)
+        self._marks: set[Mark] = set()
+        self._news, self._room = asyncio.Event(), asyncio.Event()
+        self.closed = asyncio.Event()
+        self.emptied = asyncio.Event()
+        """Set while the worker has finished with everything and waits for more."""
 
     @property
     def waiting(self) -> int:
@@ -66,9 +59,8 @@ class Mailbox:
     @property
     def waiting_since(self) -> float | None:
         """When the sample that comes next was accepted, monotonic s; None where none waits."""
-        if self._items:
-            return self._items[0].at
-        return None if self._left is None else self._left.at
+        following = self._items[0] if self._items else self._left
+        return None if following is None else following.at
 
     async def put(self, accepted: Accepted, patient: bool) -> None:
         """Leave a sample that is in the journal; one that is `patient` waits for room."""
@@ -94,16 +86,13 @@ class Mailbox:
                 left, self._left = self._left, None
                 self._room.set()
                 return left
-            if self._set_back:
-                self._set_back = False
-                return Mark.SET_BACK
-            if self._ended:
-                self._ended = False
-                return Mark.ENDED
-            if self._closed.is_set():
-                return Mark.CLOSED
+            for mark in Mark:
+                if mark in self._marks:
+                    if mark is not Mark.CLOSED:
+                        self._marks.remove(mark)
+                    return mark
             self._news.clear()
-            self._emptied.set()
+            self.emptied.set()
             await self._news.wait()
 
     def discard(self) -> None:
@@ -114,29 +103,13 @@ class Mailbox:
         self._room.set()
         self._bring()
 
-    def set_back(self) -> None:
-        """The zone has to go back with the wall clock, once everything that waits is assimilated."""
-        self._set_back = True
+    def tell(self, mark: Mark) -> None:
+        """Let the worker know of `mark`."""
+        self._marks.add(mark)
+        if mark is Mark.CLOSED:
+            self.closed.set()
         self._bring()
-
-    def end(self) -> None:
-        """No telemetry will follow."""
-        self._ended = True
-        self._bring()
-
-    def close(self) -> None:
-        """Nothing at all will follow."""
-        self._closed.set()
-        self._bring()
-
-    async def emptied(self) -> None:
-        """Wait until the worker has finished with everything and asks for more."""
-        await self._emptied.wait()
 
     def _bring(self) -> None:
-        self._emptied.clear()
+        self.emptied.clear()
         self._news.set()
-
-    async def closed_within(self, seconds: float) -> bool:
-        """Whether it is closed, or becomes so within `seconds`."""
-        return await within(self._closed, seconds)

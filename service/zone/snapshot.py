@@ -27,7 +27,7 @@ from estimator.diagnosis.telemetry.earlier import Earlier
 from estimator.diagnosis.telemetry.lies import Suspicion
 from estimator.diagnosis.telemetry.recent import Recent
 from estimator.foresight import restored
-from estimator.loop import Held
+from estimator.loop import Held, Loop
 from estimator.loop import Standing as LoopStanding
 from estimator.neighbours import Experience
 from estimator.network.network import Network
@@ -38,19 +38,9 @@ from service.records.update import CONSTANT, Update
 from service.store.checkpoint import BEGINNING, Checkpoint
 from service.zone.worker import Progress, Standing, ZoneWorker, stated
 
-_HELD_VALUES = "held_values"
-_HELD_TIMES = "held_times"
-_ESTIMATOR = "estimator."
-_VERIFIED = "verified."
-_ISSUED = "issued."
-_RECORD = "record."
-_DAY = "day."
-_RECENT = "recent."
-_THERMOSTAT = "thermostat."
-_LIVE = "live."
-_EARLIER = "earlier{}."
-_BEGAN = "began."
-_TIME, _STATE = "time", "state."
+_ESTIMATOR, _VERIFIED, _ISSUED, _HELD = "estimator.", "verified.", "issued.", "held_"
+_DAY, _RECENT, _RECORD, _THERMOSTAT, _LIVE, _BEGAN = "day.", "recent.", "record.", "thermostat.", "live.", "began."
+_EARLIER, _TIME, _STATE = "earlier{}.", "time", "state."
 
 _VERSION = version("thermogate")
 
@@ -99,36 +89,40 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
     carried, standing = worker.carried, worker.standing
     if standing is None or carried.standing is None or carried.standing.verified is None:
         return None
-    loop = worker.loop
-    arrays = {_ESTIMATOR + name: np.asarray(value) for name, value in loop.estimator.pack(standing.state).items()}
-    arrays |= {_VERIFIED + name: value for name, value in loop.verification.pack(carried.standing.verified).items()}
-    arrays |= {_ISSUED + name: value for name, value in loop.as_issued.pack(carried.standing.issued).items()}
-    arrays |= {_HELD_VALUES: carried.held.values, _HELD_TIMES: carried.held.times}
-    update, progress = standing.update, worker.progress
-    shown = update._replace(gate=update.shown_gate, effective_sample_size=update.shown_sample_size)
-    meta = _META.dump_python(
-        _Meta(worker.input_quality, progress, shown, carried.diagnosis, worker.trust, carried.suspicions), mode="json"
-    )
-    arrays |= {_DAY + name: value for name, value in carried.day._asdict().items()}
-    arrays |= {_RECENT + name: value for name, value in carried.recent._asdict().items()}
-    arrays |= {_RECORD + name: value for name, value in carried.record._asdict().items()}
-    arrays |= {_THERMOSTAT + name: value for name, value in thermostats.pack(carried.thermostat).items()}
-    arrays |= {_LIVE + name: value for name, value in loop.live.pack(carried.live).items()}
+    loop, update = worker.loop, standing.update
+    parts: dict[str, Mapping[str, Any]] = {
+        _ESTIMATOR: loop.estimator.pack(standing.state),
+        _VERIFIED: loop.verification.pack(carried.standing.verified),
+        _ISSUED: loop.as_issued.pack(carried.standing.issued),
+        _HELD: carried.held._asdict(),
+        _DAY: carried.day._asdict(),
+        _RECENT: carried.recent._asdict(),
+        _RECORD: carried.record._asdict(),
+        _THERMOSTAT: thermostats.pack(carried.thermostat),
+        _LIVE: loop.live.pack(carried.live),
+        _BEGAN: carried.experience or {},
+    }
     for place, earlier in enumerate(carried.earlier):
         under = _EARLIER.format(place)
-        arrays[under + _TIME] = np.array(earlier.time, dtype=np.float64)
-        arrays |= {
-            under + _STATE + name: np.asarray(value) for name, value in loop.estimator.pack(earlier.state).items()
-        }
-        arrays |= {under + _LIVE + name: value for name, value in loop.live.pack(earlier.live).items()}
-    arrays |= {_BEGAN + name: value for name, value in (carried.experience or {}).items()}
-    return Checkpoint(mark, int(progress.last_time or 0), arrays, meta, _about(worker, estimator))
+        parts[under] = {_TIME: np.array(earlier.time, dtype=np.float64)}
+        parts[under + _STATE] = loop.estimator.pack(earlier.state)
+        parts[under + _LIVE] = loop.live.pack(earlier.live)
+    shown = update._replace(gate=update.shown_gate, effective_sample_size=update.shown_sample_size)
+    meta = _META.dump_python(
+        _Meta(worker.input_quality, worker.progress, shown, carried.diagnosis, worker.trust, carried.suspicions),
+        mode="json",
+    )
+    return Checkpoint(mark, int(worker.progress.last_time or 0), _named(parts), meta, _about(worker, estimator))
+
+
+def _named(parts: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """The arrays of all `parts`, each under the name of its part."""
+    return {under + name: np.asarray(value) for under, part in parts.items() for name, value in part.items()}
 
 
 def beginning(worker: ZoneWorker, mark: str, estimator: str, experience: Experience) -> Checkpoint:
     """The checkpoint, before every sample, of a fresh `worker` that begins with `experience`."""
-    arrays = {_BEGAN + name: value for name, value in experience.items()}
-    return Checkpoint(mark, BEGINNING, arrays, {}, _about(worker, estimator))
+    return Checkpoint(mark, BEGINNING, _named({_BEGAN: experience}), {}, _about(worker, estimator))
 
 
 def _about(worker: ZoneWorker, estimator: str) -> dict[str, object]:
@@ -154,51 +148,50 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
     begin(worker, checkpoint)
     if checkpoint.is_beginning:
         return
-    meta = _META.validate_python(checkpoint.meta)
+    meta, loop = _META.validate_python(checkpoint.meta), worker.loop
     update = meta.latest
     if update.gate is not None and update.gate.regime == CONSTANT:
         update = update._replace(gate=None)
     if update.effective_sample_size is not None and math.isnan(update.effective_sample_size):
         update = update._replace(effective_sample_size=None)
-    loop = worker.loop
-    standing = LoopStanding(
-        loop.estimator.unpack(_under(_ESTIMATOR, checkpoint)),
-        stated(update.forecast),
-        loop.verification.unpack(_under(_VERIFIED, checkpoint)),
-        loop.as_issued.unpack(_under(_ISSUED, checkpoint)),
-    )
     carried = worker.carried._replace(
-        held=Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES]),
-        vanished=meta.progress.vanished,
-        standing=standing,
-        day=restored(_under(_DAY, checkpoint)),
-        record=Record(**_under(_RECORD, checkpoint)),
+        held=Held(**_part(checkpoint, _HELD)),
+        day=restored(_part(checkpoint, _DAY)),
+        record=Record(**_part(checkpoint, _RECORD)),
+        live=loop.live.unpack(_part(checkpoint, _LIVE)),
         suspicions=meta.suspicions,
+        earlier=tuple(_earlier(loop, checkpoint)),
         diagnosis=meta.diagnosis,
+        vanished=meta.progress.vanished,
+        standing=LoopStanding(
+            loop.estimator.unpack(_part(checkpoint, _ESTIMATOR)),
+            stated(update.forecast),
+            loop.verification.unpack(_part(checkpoint, _VERIFIED)),
+            loop.as_issued.unpack(_part(checkpoint, _ISSUED)),
+        ),
     )
     # State of before the telemetry was watched has none.
-    if recent := _under(_RECENT, checkpoint):
+    if recent := _part(checkpoint, _RECENT):
         carried = carried._replace(recent=Recent(**recent))
     # A zone that was told no set-point once stored nothing of these.
-    if known := _under(_THERMOSTAT, checkpoint):
+    if known := _part(checkpoint, _THERMOSTAT):
         carried = carried._replace(thermostat=thermostats.unpack(known, len(worker.network.inputs)))
-    carried = carried._replace(live=loop.live.unpack(_under(_LIVE, checkpoint)))
-    carried = carried._replace(earlier=tuple(_earlier(worker, checkpoint)))
     worker.resume(Standing(carried, update), meta.held_qualities, meta.progress, meta.trust)
 
 
 def begin(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
     """Let a fresh `worker` begin with what the zone of the checkpoint began with."""
-    worker.carried = worker.carried._replace(experience=_under(_BEGAN, checkpoint) or None)
+    worker.carried = worker.carried._replace(experience=_part(checkpoint, _BEGAN) or None)
 
 
-def _earlier(worker: ZoneWorker, checkpoint: Checkpoint) -> Iterator[Earlier]:
+def _earlier(loop: Loop, checkpoint: Checkpoint) -> Iterator[Earlier]:
     for under in map(_EARLIER.format, count()):
-        if not (state := _under(under + _STATE, checkpoint)):
+        if not (state := _part(checkpoint, under + _STATE)):
             return
-        live, time = _under(under + _LIVE, checkpoint), float(checkpoint.arrays[under + _TIME])
-        yield Earlier(time, worker.loop.estimator.unpack(state), worker.loop.live.unpack(live))
+        live = loop.live.unpack(_part(checkpoint, under + _LIVE))
+        yield Earlier(float(checkpoint.arrays[under + _TIME]), loop.estimator.unpack(state), live)
 
 
-def _under(prefix: str, checkpoint: Checkpoint) -> dict[str, Any]:
-    return {name.removeprefix(prefix): value for name, value in checkpoint.arrays.items() if name.startswith(prefix)}
+def _part(checkpoint: Checkpoint, under: str) -> dict[str, Any]:
+    arrays = checkpoint.arrays
+    return {name.removeprefix(under): value for name, value in arrays.items() if name.startswith(under)}

@@ -6,7 +6,7 @@ import logging
 import time
 from math import inf
 
-from service.pauses import Seldom
+from adapters.watched import Seldom
 
 _log = logging.getLogger(__name__)
 
@@ -45,7 +45,13 @@ class Timeliness:
         if self.delay > self.patience:
             self.overruns += 1
             self._unsaid += 1
-            self._say(self.delay)
+            if self._seldom("late"):
+                say = (
+                    "zone '%s': a forecast came %.1f s after its sample, and samples come every %g s; %d late since "
+                    "this was last said, %d in all"
+                )
+                _log.warning(say, self._zone, self.delay, self.patience, self._unsaid, self.overruns)
+                self._unsaid = 0
 
     def lag(self, waiting_since: float | None) -> str | None:
         """Why the newest forecast is too old, or None. `waiting_since`: when the next sample was accepted."""
@@ -57,17 +63,3 @@ class Timeliness:
             f"its estimator is {late:.1f} s behind its telemetry, of which a sample comes every {self.patience:g} s; "
             "take fewer particles, a longer period or a faster machine"
         )
-
-    def _say(self, delay: float) -> None:
-        if not self._seldom.due():
-            return
-        _log.warning(
-            "zone '%s': a forecast came %.1f s after its sample, and samples come every %g s; %d late since this was "
-            "last said, %d in all",
-            self._zone,
-            delay,
-            self.patience,
-            self._unsaid,
-            self.overruns,
-        )
-        self._unsaid = 0

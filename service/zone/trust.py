@@ -66,42 +66,40 @@ BACK = {DOUBTFUL: Threshold(0.90, 0.80, 0.05), UNTRUSTED: Threshold(0.75, 0.50, 
 _RANK = {TRUSTED: 0, DOUBTFUL: 1, LEARNING: 2, UNTRUSTED: 2}
 
 
-class Verdict(NamedTuple):
-    """A level, and the sentence that explains it."""
-
-    level: str
-    reason: str
+Verdict = tuple[str, str]
+"""A level, and the sentence that explains it."""
 
 
 def judged(before: Trust, update: Update, skill: Skill | None, diagnosis: Diagnosis) -> Trust:
     """Trust after `update`; `skill` is given once an hour and for the first judgement."""
-    horizons, beaten, good_up_to, usual = before.horizons, before.beaten, before.good_up_to, before.usual
-    if skill is not None:
-        old = {one.lead: one for one in horizons}
-        issued, of_day = ({one.lead: one for one in skill.issued_over(days)} for days in (7, 1))
-        better, latest = skill.better(7), skill.better(1)
-        horizons = tuple(
-            _issued(
-                _verified(old.get(week.lead), week, day, diagnosis, update.time),
-                issued.get(week.lead),
-                of_day.get(week.lead),
-                better.get(week.lead) if day.forecasts < NEEDED or week.lead in latest else None,
-            )
-            for week, day in zip(skill.over(7), skill.over(1), strict=True)
-        )
-        good = [one.lead for one in skill.over(7) if one.forecasts >= NEEDED and one.lead not in better]
-        beaten = _compared(better, good)
-        good_up_to = max((lead for lead in good if lead < min(better, default=lead + 1)), default=0)
-        usual = skill.over(7)[0].width
-    disturbed = _disturbed(before.disturbed, update, usual)
+    after = before if skill is None else _reviewed(before, update.time, skill, diagnosis)
+    high = update.gate is not None and update.gate.regime == "high"
+    # An interval of 95 % of a Gaussian, whatever levels are published.
+    width = 2.0 * 1.96 * update.forecast.outputs[0].sd
+    disturbed = high and width > (WIDE if before.disturbed else WIDER) * after.usual > 0.0
     lies = next((found.sentence for found in diagnosis.findings if found.finding in TELEMETRY), "")
-    told = tuple(_told(one, update, disturbed, lies) for one in horizons)
-    return Trust(
-        update.time,
-        told,
-        disturbed=disturbed,
-        beaten=beaten,
-        good_up_to=good_up_to,
+    horizons = tuple(_told(one, update, disturbed, lies) for one in after.horizons)
+    return replace(after, time=update.time, horizons=horizons, disturbed=disturbed)
+
+
+def _reviewed(before: Trust, now: int, skill: Skill, diagnosis: Diagnosis) -> Trust:
+    """`before` with what the verified forecasts of `skill` and the findings say, every hour."""
+    old = {one.lead: one for one in before.horizons}
+    issued, of_day = ({one.lead: one for one in skill.issued_over(days)} for days in (7, 1))
+    better, latest = skill.better(7), skill.better(1)
+    horizons = []
+    for week, day in zip(skill.over(7), skill.over(1), strict=True):
+        lead = week.lead
+        one = _verified(old.get(lead, HorizonTrust(lead, LEARNING, "", now)), week, day, diagnosis)
+        beaten = better.get(lead) if day.forecasts < NEEDED or lead in latest else None
+        horizons.append(_issued(one, issued.get(lead), of_day.get(lead), beaten))
+    usual = skill.over(7)[0].width
+    good = [one.lead for one in skill.over(7) if one.forecasts >= NEEDED and one.lead not in better]
+    return replace(
+        before,
+        horizons=tuple(horizons),
+        beaten=_compared(better, good),
+        good_up_to=max((lead for lead in good if lead < min(better, default=lead + 1)), default=0),
         usual=usual if usual > 0.0 else 0.0,
     )
 
@@ -115,21 +113,17 @@ def _compared(better: Mapping[int, Better], good: Sequence[int]) -> str:
     return "; ".join([*map(str, better.values()), remedy])
 
 
-def _verified(
-    old: HorizonTrust | None, week: HorizonSkill, day: HorizonSkill, diagnosis: Diagnosis, now: int
-) -> HorizonTrust:
+def _verified(old: HorizonTrust, week: HorizonSkill, day: HorizonSkill, diagnosis: Diagnosis) -> HorizonTrust:
     """The horizon by its verified forecasts and the findings; `old` is what it was an hour ago."""
-    if old is None:
-        old = HorizonTrust(week.lead, LEARNING, "", now)
-    found, strict = _verdict(week, day, diagnosis, BELOW), _verdict(week, day, diagnosis, BACK)
-    if LEARNING in (found.level, old.verified) or _RANK[found.level] >= _RANK[old.verified]:
-        return replace(old, verified=found.level, why=found.reason, rising=0)
+    (level, why), strict = _verdict(week, day, diagnosis, BELOW), _verdict(week, day, diagnosis, BACK)
+    if LEARNING in (level, old.verified) or _RANK[level] >= _RANK[old.verified]:
+        return replace(old, verified=level, why=why, rising=0)
     # The evidence would do for more trust. It has to do so by a margin, and for some hours.
-    rising = old.rising + 1 if _RANK[strict.level] < _RANK[old.verified] else 0
+    rising = old.rising + 1 if _RANK[strict[0]] < _RANK[old.verified] else 0
     if rising >= RISES:
-        return replace(old, verified=strict.level, why=strict.reason, rising=0)
-    why = old.why if strict.level == old.verified else f"the last {rising} of {RISES} hours that it takes were better"
-    return replace(old, why=why or strict.reason, rising=rising)
+        return replace(old, verified=strict[0], why=strict[1], rising=0)
+    why = old.why if strict[0] == old.verified else f"the last {rising} of {RISES} hours that it takes were better"
+    return replace(old, why=why or strict[1], rising=rising)
 
 
 def _issued(
@@ -140,10 +134,11 @@ def _issued(
 
     A good last day makes up for no interval here: how well the heating was foreseen depends on what day it was.
     """
-    if (reason := _held_too_little(week, day, BELOW[DOUBTFUL])) is not None:
+    reason = _held_too_little(week, day, BELOW[DOUBTFUL])
+    if reason is None and better is not None and better.own > NOTABLE:
+        reason = str(better)
+    if reason is not None:
         return replace(one, issued=DOUBTFUL, issued_why=reason, issued_rising=0)
-    if better is not None and better.own > NOTABLE:
-        return replace(one, issued=DOUBTFUL, issued_why=str(better), issued_rising=0)
     if one.issued == TRUSTED:
         return one
     rising = one.issued_rising + 1 if _held_too_little(week, day, BACK[DOUBTFUL]) is None else 0
@@ -154,37 +149,34 @@ def _issued(
 
 def _held_too_little(week: IssuedSkill | None, day: IssuedSkill | None, threshold: Threshold) -> str | None:
     """Which part of `threshold` the coverage as issued fails, as a sentence."""
-    if week is None or day is None:
-        return None
-    judged_by = (
+    for window, needed, least, days in (
         (day, NEEDED_OF_DAY, threshold.day_coverage, "the last day"),
         (week, NEEDED, threshold.coverage, "7 days"),
-    )
-    for window, needed, least, days in judged_by:
-        if window.forecasts >= needed and window.coverage < least:
+    ):
+        if window is not None and window.forecasts >= needed and window.coverage < least:
             return (
                 "as published, when nobody knew the heating and the weather to come, the 95 % intervals "
-                f"{format_duration(window.lead)} ahead held {window.coverage:.0%} of what came in {days}; under a "
-                "plan of the heating they may hold"
+                f"{_held(window, days)}; under a plan of the heating they may hold"
             )
     return None
+
+
+def _held(window: HorizonSkill | IssuedSkill, days: str) -> str:
+    return f"{format_duration(window.lead)} ahead held {window.coverage:.0%} of what came in {days}"
 
 
 def _verdict(week: HorizonSkill, day: HorizonSkill, diagnosis: Diagnosis, thresholds: dict[str, Threshold]) -> Verdict:
     if week.forecasts < NEEDED:
         count = f"{week.forecasts} forecasts {format_duration(week.lead)} ahead were verified in 7 days"
-        return Verdict(LEARNING, f"{count}; it takes {NEEDED}")
+        return LEARNING, f"{count}; it takes {NEEDED}"
     findings = {finding.finding: finding.sentence for finding in diagnosis.findings}
     if IMPLAUSIBLE in findings:
-        return Verdict(UNTRUSTED, findings[IMPLAUSIBLE])
+        return UNTRUSTED, findings[IMPLAUSIBLE]
     for level in (UNTRUSTED, DOUBTFUL):
         if (reason := _below(week, day, thresholds[level])) is not None:
-            return Verdict(level, reason)
-    if week.lead >= FROM_HOURS:
-        for name in (AGAINST_BALANCE, MISSES_SOMETHING):
-            if name in findings:
-                return Verdict(DOUBTFUL, findings[name])
-    return Verdict(TRUSTED, "")
+            return level, reason
+    doubts = (AGAINST_BALANCE, MISSES_SOMETHING) if week.lead >= FROM_HOURS else ()
+    return next(((DOUBTFUL, findings[name]) for name in doubts if name in findings), (TRUSTED, ""))
 
 
 def _below(week: HorizonSkill, day: HorizonSkill, threshold: Threshold) -> str | None:
@@ -193,18 +185,17 @@ def _below(week: HorizonSkill, day: HorizonSkill, threshold: Threshold) -> str |
     A last day that alone does what is asked of seven makes up for the days before it: a model that has learned since is
     judged by what it does now.
     """
-    ahead = format_duration(week.lead)
     if day.forecasts >= NEEDED_OF_DAY:
         if day.coverage < threshold.day_coverage:
-            return f"the 95 % intervals {ahead} ahead held {day.coverage:.0%} of what came in the last day"
+            return f"the 95 % intervals {_held(day, 'the last day')}"
         if day.coverage >= threshold.coverage and _skilful(day, threshold):
             return None
     if week.coverage < threshold.coverage:
-        return f"the 95 % intervals {ahead} ahead held {week.coverage:.0%} of what came in 7 days"
+        return f"the 95 % intervals {_held(week, '7 days')}"
     if not _skilful(week, threshold):
         return (
-            f"forecasts {ahead} ahead had an RMSE of {week.rmse:.2f} K in 7 days, and {week.persistence_rmse:.2f} K if "
-            "nothing had changed"
+            f"forecasts {format_duration(week.lead)} ahead had an RMSE of {week.rmse:.2f} K in 7 days, and "
+            f"{week.persistence_rmse:.2f} K if nothing had changed"
         )
     return None
 
@@ -212,14 +203,6 @@ def _below(week: HorizonSkill, day: HorizonSkill, threshold: Threshold) -> str |
 def _skilful(window: HorizonSkill, threshold: Threshold) -> bool:
     # What is not a number is no evidence against the forecasts.
     return not (window.rmse > NOTABLE and window.skill_against_persistence < threshold.skill)
-
-
-def _disturbed(before: bool, update: Update, usual: float) -> bool:
-    """Whether something acts on the zone now: alpha is high, and the standing interval much wider than `usual` [K]."""
-    high = update.gate is not None and update.gate.regime == "high"
-    # An interval of 95 % of a Gaussian, whatever levels are published.
-    width = 2.0 * 1.96 * update.forecast.outputs[0].sd
-    return high and width > (WIDE if before else WIDER) * usual > 0.0
 
 
 def _told(one: HorizonTrust, update: Update, disturbed: bool, lies: str) -> HorizonTrust:

@@ -13,6 +13,7 @@ from service.config.site import Config
 from service.store.journal import Journal
 from service.store.store import JOURNAL
 
+SUN = {"source": "log", "column": "Sun", "unit": "W/m2"}
 HEADER = "Timestamp,Living,Bedroom,Outside,Power1,Power2,Sun"
 
 
@@ -80,6 +81,17 @@ def write(folder: Path, tables: dict[str, Any]) -> Path:
     path = folder / "house.toml"
     path.write_text(tomli_w.dumps(tables), encoding="utf-8")
     return path
+
+
+def changed(
+    folder: Path, site: dict[str, Any] | None = None, channels: dict[str, Any] | None = None, **living: Any
+) -> Path:
+    """The sound configuration with more in [site], more channels of its living room, and `living` in that table."""
+    tables = sound(folder)
+    tables["site"] |= site or {}
+    tables["zones"][0] |= living
+    tables["zones"][0]["channels"] |= channels or {}
+    return write(folder, tables)
 
 
 def learned(config: Config, zone: int = 0) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager
+from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -150,7 +151,7 @@ async def learned(folder: Path) -> AsyncIterator[GoldenSite]:
         running = [asyncio.create_task(zone.run()) for zone in zones.values()]
         async for part in recorded(config, zones, None, None):
             zone = zones[part.zone]
-            if part.now is not None:
+            if part.now < inf:
                 await zone.deliver(part.source, part.readings, part.now)
             elif part.zone == ENDED:
                 await zone.end(part.source)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from abc import ABC, abstractmethod
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractContextManager, asynccontextmanager, closing
 from pathlib import Path
 
@@ -16,24 +15,14 @@ from service.store.reading import StoredState, read_state
 from service.store.store import CHECKPOINTS, JOURNAL, Store
 
 
-class Kept(ABC):
-    """A folder or a database in which a store is opened again and again."""
+class Kept:
+    """A folder or a database in which a store is opened again and again by `open`.
 
-    @abstractmethod
-    def open(self) -> JournalStore:
-        """The store."""
+    `read` shows what it holds, beside its owner; `damage_checkpoint` changes a bit of the checkpoint of zone "z" at a
+    step; `change` runs a statement of SQL beside the store, with {} before the name of a table.
+    """
 
-    @abstractmethod
-    def read(self) -> AbstractContextManager[StoredState]:
-        """What it holds, beside its owner."""
-
-    @abstractmethod
-    def damage_checkpoint(self, step: int) -> None:
-        """Change a bit of the checkpoint of zone "z" at a step."""
-
-    @abstractmethod
-    def change(self, statement: str) -> None:
-        """Run a statement of SQL beside the store, with {} before the name of a table."""
+    open: Callable[[], JournalStore]
 
     @asynccontextmanager
     async def opened(self, zones: str = "z") -> AsyncIterator[JournalStore]:

@@ -31,25 +31,32 @@ class Announced:
         self.told.append(announcement)
 
 
-class Poisoned:
-    """A worker whose step fails on chosen samples, a chosen number of times each, with `error` or one of its own."""
+class Shown:
+    """A worker of which every sample is shown to `look` before the step over it."""
 
-    def __init__(self, inner, failures, error=None):
-        object.__setattr__(self, "_inner", inner)
-        object.__setattr__(self, "_failures", failures)
-        object.__setattr__(self, "_error", error)
+    def __init__(self, inner, look):
+        self.__dict__ |= {"_inner": inner, "_look": look}
 
     def __getattr__(self, name):
         return getattr(self._inner, name)
 
     def anew(self):
-        return Poisoned(self._inner.anew(), self._failures, self._error)
+        return Shown(self._inner.anew(), self._look)
 
     def step(self, item):
-        if self._failures.get(item.time, 0) > 0:
-            self._failures[item.time] -= 1
-            raise self._error or RuntimeError(f"cannot step over {item.time}")
+        self._look(item)
         return self._inner.step(item)
+
+
+def poison(failures, error=None):
+    """Fails on chosen samples, a chosen number of times each, with `error` or one of its own."""
+
+    def look(item):
+        if failures.get(item.time, 0) > 0:
+            failures[item.time] -= 1
+            raise error or RuntimeError(f"cannot step over {item.time}")
+
+    return look
 
 
 @asynccontextmanager
@@ -69,7 +76,7 @@ async def plumbing(folder, announcer=None, checkpoint_every=1e9, store=None):
 
 
 def make(shared, failures=None, name="z", mark="mark", error=None):
-    return Zone(name, "rbpf", mark, worker() if failures is None else Poisoned(worker(), failures, error), shared)
+    return Zone(name, "rbpf", mark, Shown(worker(), poison(failures or {}, error)), shared)
 
 
 async def fed(zone, items):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from fastapi import FastAPI
-from support.thermostat_house import recorded
+from support.thermostat_house import samples as told
 
 from estimator import registry
 from estimator.network.presets import network
@@ -76,10 +76,8 @@ def worker_of(room: Room) -> ZoneWorker:
             worker.step(one)
         return worker
     if room.told:
-        for k, (outputs, inputs, setpoint) in enumerate(
-            zip(*recorded(room.samples * PERIOD // 86400, PERIOD), strict=True)
-        ):
-            worker.step(Sample.measured(k * PERIOD, outputs, inputs)._replace(setpoint=setpoint))
+        for one in told(room.samples * PERIOD // 86400, PERIOD):
+            worker.step(one)
         return worker
     boundaries = [5.0, room.temperature][: len(net.boundaries)]
     for k in range(room.samples):

@@ -3,6 +3,8 @@
 import numpy as np
 import pandas as pd
 
+from service.records.sample import Sample
+
 THETA = np.array([6e6, 4e7, 600.0, 140.0])
 """C_i, C_e, g_ie, g_e_out of the network `tite`."""
 
@@ -30,6 +32,12 @@ def recorded(days, period, setpoint=morning, power=6000.0):
             envelope += 60.0 / THETA[1] * (THETA[3] * (outdoor - envelope) - flow)
         indoor += 0.02 * rng.standard_normal()
     return np.array(outputs)[:, None], np.array(inputs), np.array(wanted)
+
+
+def samples(days, period, told=True):
+    """The same as samples, with set-points unless they are not `told`."""
+    for k, (outputs, inputs, setpoint) in enumerate(zip(*recorded(days, period), strict=True)):
+        yield Sample.measured(k * period, outputs, inputs)._replace(setpoint=setpoint if told else np.nan)
 
 
 def table(days):

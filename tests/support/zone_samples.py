@@ -12,9 +12,11 @@ PERIOD = 300
 NAN = float("nan")
 
 
-def worker(particles=100, levels=(0.95, 0.5), max_gap=3, hold_inputs=900.0, preset="ecolar-6r4c"):
-    estimator = build("rbpf", network(preset), PERIOD, {"particles": particles})
-    return ZoneWorker(estimator, WorkerSettings(5, levels, max_gap, hold_inputs))
+def worker(estimator="rbpf", preset="ecolar-6r4c", period=PERIOD, *, max_gap=3, hold_inputs=900.0, **options):
+    """A worker that has seen nothing, with `options` of its estimator; by default few particles of an `rbpf`."""
+    given = {"particles": 100} | options if estimator == "rbpf" else options
+    made = build(estimator, network(preset), period, given)
+    return ZoneWorker(made, WorkerSettings(5, (0.95, 0.5), max_gap, hold_inputs))
 
 
 def sample(k, y=None, inputs=None, quality=Quality.GOOD):

@@ -7,11 +7,10 @@ from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
-from service.cli.arguments import AddCommand, load_config, take_config
+from service.cli.arguments import AddCommand, load_config, require_zones, take_config
 
 if TYPE_CHECKING:
     from service.config.site import Config
-    from service.web.keys import Key
 
 
 def add_to(add: AddCommand) -> None:
@@ -25,12 +24,8 @@ def add_to(add: AddCommand) -> None:
         choices=("read", "write", "admin"),
         help="create: read for what is served, write for posting readings alone, admin for everything",
     )
-    parser.add_argument(
-        "--zone",
-        action="append",
-        metavar="ID",
-        help="create: for this zone only; may be given several times",
-    )
+    zone = "create: for this zone only; may be given several times"
+    parser.add_argument("--zone", action="append", metavar="ID", help=zone)
     parser.add_argument(
         "--expires", metavar="WHEN", help="create: a duration such as 90d, or an RFC 3339 time (default: never)"
     )
@@ -39,54 +34,46 @@ def add_to(add: AddCommand) -> None:
 def _keys(arguments: argparse.Namespace) -> int:
     from service.errors import ConfigError
 
-    mistakes = _mistakes(arguments)
-    if mistakes:
-        raise ConfigError(mistakes)
-    config = load_config(arguments)
-    actions: dict[str, Callable[[Config, argparse.Namespace], None]] = {
-        "create": _create,
-        "list": _list,
-        "revoke": _revoke,
-    }
-    actions[arguments.action](config, arguments)
+    if mistake := _mistake(arguments):
+        raise ConfigError([mistake])
+    action: Callable[[Config, argparse.Namespace], None]
+    action = {"create": _create, "list": _list, "revoke": _revoke}[arguments.action]
+    action(load_config(arguments), arguments)
     return 0
 
 
-def _mistakes(arguments: argparse.Namespace) -> list[str]:
+def _mistake(arguments: argparse.Namespace) -> str | None:
     """What is wrong with the command, before anything is read."""
-    action, options = arguments.action, ("scope", "zone", "expires")
+    action = arguments.action
     if action == "list" and arguments.name is not None:
-        return ["keys list shows all keys; leave the name out"]
+        return "keys list shows all keys; leave the name out"
     if action != "list" and arguments.name is None:
-        return [f"keys {action} needs the name of the key, as in: thermogate keys {action} CONFIG grafana"]
+        return f"keys {action} needs the name of the key, as in: thermogate keys {action} CONFIG grafana"
     if action == "create":
         if arguments.scope is None:
-            return ["keys create needs --scope read, --scope write or --scope admin"]
-        return ["--zone goes with --scope read or write; a key for administration sees all zones"] * (
-            arguments.scope == "admin" and arguments.zone is not None
-        )
-    return [f"--{option} is for keys create" for option in options if getattr(arguments, option) is not None]
+            return "keys create needs --scope read, --scope write or --scope admin"
+        if arguments.scope == "admin" and arguments.zone is not None:
+            return "--zone goes with --scope read or write; a key for administration sees all zones"
+        return None
+    options = ("scope", "zone", "expires")
+    return next((f"--{one} is for keys create" for one in options if getattr(arguments, one) is not None), None)
 
 
 def _create(config: Config, arguments: argparse.Namespace) -> None:
     import sys
 
     from adapters.fields.values import identifier
-    from adapters.fields.words import suggestion
     from service.errors import ConfigError
     from service.store.audit import note
     from service.web.keys import create_key
 
-    ids = [zone.id for zone in config.zones]
-    for zone in arguments.zone or ():
-        if zone not in ids:
-            raise ConfigError([f'--zone: there is no zone "{zone}"; {suggestion(zone, ids, "the zones are")}'])
+    zones = None if arguments.zone is None else list(dict.fromkeys(arguments.zone))
+    require_zones(config, zones or (), "--zone")
     try:
         name = identifier(arguments.name)
     except ValueError as error:
         raise ConfigError([f"NAME: {error}"]) from None
     expires = None if arguments.expires is None else _expiry(arguments.expires)
-    zones = None if arguments.zone is None else list(dict.fromkeys(arguments.zone))
     secret = create_key(config.keys_file, name, arguments.scope, zones, expires)
     note(config.site.state_dir, "key", f"key '{name}' with the scope {arguments.scope} is created")
     print(f"key '{name}' is in {config.keys_file}; this is the only time that it is shown:", file=sys.stderr)
@@ -101,42 +88,31 @@ def _expiry(text: str) -> datetime:
 
     now = datetime.now(UTC).replace(microsecond=0)
     try:
-        expires = now + timedelta(seconds=parse_duration(text))
-    except ValueError:
         try:
-            expires = parse_time(text)
-        except ZoneMissing:
-            raise ConfigError([f'--expires: "{text}" has no time zone; end it with Z for UTC']) from None
+            expires = now + timedelta(seconds=parse_duration(text))
         except ValueError:
-            sentence = f'--expires: "{text}" is neither a duration such as 90d nor a time such as 2030-01-31T00:00:00Z'
-            raise ConfigError([sentence]) from None
-    if expires <= now:
-        raise ConfigError([f'--expires: "{text}" is not in the future'])
+            expires = parse_time(text)
+        wrong = None if expires > now else "is not in the future"
+    except ZoneMissing:
+        wrong = "has no time zone; end it with Z for UTC"
+    except ValueError:
+        wrong = "is neither a duration such as 90d nor a time such as 2030-01-31T00:00:00Z"
+    if wrong:
+        raise ConfigError([f'--expires: "{text}" {wrong}'])
     return expires
 
 
 def _list(config: Config, arguments: argparse.Namespace) -> None:
+    from adapters.fields.times import written_time
     from service.cli.tables import aligned
     from service.web.keys import read_keys
 
-    now = datetime.now(UTC)
-    keys = read_keys(config.keys_file)
-    if not keys:
-        print(f"no keys in {config.keys_file}")
-        return
-    print(
-        "\n".join(
-            aligned([("name", "scope", "zones", "created", "expires", "state"), *(_row(key, now) for key in keys)])
-        )
-    )
-
-
-def _row(key: Key, now: datetime) -> tuple[str, ...]:
-    from adapters.fields.times import written_time
-
-    zones = "all" if key.zones is None else ", ".join(key.zones)
-    expires = "never" if key.expires is None else written_time(key.expires)
-    return key.name, key.scope, zones, written_time(key.created), expires, key.state(now)
+    now, rows = datetime.now(UTC), [("name", "scope", "zones", "created", "expires", "state")]
+    for key in read_keys(config.keys_file):
+        zones = "all" if key.zones is None else ", ".join(key.zones)
+        expires = "never" if key.expires is None else written_time(key.expires)
+        rows.append((key.name, key.scope, zones, written_time(key.created), expires, key.state(now)))
+    print("\n".join(aligned(rows)) if len(rows) > 1 else f"no keys in {config.keys_file}")
 
 
 def _revoke(config: Config, arguments: argparse.Namespace) -> None:

@@ -6,19 +6,20 @@ import argparse
 import asyncio
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from adapters.fields.numbers import read_number
-from service.cli.arguments import AddCommand, load_config, load_source_tables, take_config, whole_range
+from service.cli.arguments import AddCommand, load_config, load_source_tables, require, take_config, whole_range
 
 if TYPE_CHECKING:
-    from adapters.channel import SourceConfig
-    from adapters.reading import Probe
+    from adapters.reading import Probe, Source
     from adapters.scanning import Scan
-    from service.config.site import Config
 
 LISTEN_SECONDS = 5.0
+
+_SLOW = 2.0
+"""s after which a terminal shows how far it is."""
 
 _LARGEST_DEVICE = 4194302
 
@@ -53,12 +54,7 @@ def add_to(add: AddCommand) -> None:
         metavar="A-B",
         help="registers, as the source counts them (Modbus, default: the first 100)",
     )
-    scan.add_argument(
-        "--tables",
-        type=_tables,
-        metavar="T,T",
-        help="which tables (Modbus, default: holding,input)",
-    )
+    scan.add_argument("--tables", type=_tables, metavar="T,T", help="which tables (Modbus, default: holding,input)")
 
 
 def _seconds(text: str) -> float:
@@ -78,80 +74,81 @@ def _tables(text: str) -> tuple[str, ...]:
 
 
 def _probe(arguments: argparse.Namespace) -> int:
-    from adapters.fields.words import suggestion
     from adapters.scanning import Scan
     from service.errors import ConfigError
 
-    for option in ("devices", "registers", "tables"):
-        if getattr(arguments, option) is not None and not arguments.scan:
-            raise ConfigError([f"--{option} says what to scan; give --scan too"])
+    if not arguments.scan:
+        for option in ("devices", "registers", "tables"):
+            if getattr(arguments, option) is not None:
+                raise ConfigError([f"--{option} says what to scan; give --scan too"])
     config = None if arguments.scan else load_config(arguments)
-    sources = load_source_tables(arguments) if config is None else config.sources
-    wanted = arguments.source
-    if wanted is not None and wanted not in sources:
-        known = suggestion(wanted, sources, "the sources are")
-        raise ConfigError([f'--source: there is no source "{wanted}"; {known}'])
+    tables = load_source_tables(arguments) if config is None else config.sources
+    asked = [] if arguments.source is None else [arguments.source]
+    require(asked, tables, "--source", "source")
+    described = {name: table.described for name, table in tables.items()}
     if config is not None:
-        used = [name for name in sources if config.zones_of(name)]
-        return asyncio.run(_probe_all(config, used if wanted is None else [wanted], arguments.seconds))
-    names = list(sources) if wanted is None else [wanted]
-    tables = arguments.tables or Scan().tables
-    scan = Scan(arguments.devices, arguments.registers, tables, arguments.seconds)
-    return asyncio.run(_scan_all({name: sources[name] for name in names}, scan, asked=wanted is not None))
+        units = {name: {one.id: one.unit for one in config.bindings(name)} for name in tables}
+
+        async def probe(name: str, source: Source) -> bool:
+            probes = await source.probe(arguments.seconds)
+            lines = probe_table(probes, units[name], time.time())
+            print("\n".join([f"source {name}: {described[name]}", *lines]))
+            return all(one.verdict == "good" for one in probes)
+
+        used = [name for name in tables if config.zones_of(name)]
+        return 0 if all(asyncio.run(_looked("probe", asked or used, config.build_source, probe))) else 1
+    wanted = Scan(arguments.devices, arguments.registers, arguments.tables or Scan().tables, arguments.seconds)
+
+    async def scan(name: str, source: Source) -> bool | None:
+        if await _scanned(source, f"source {name}: {described[name]}", wanted):
+            return True
+        if asked:
+            print(f"thermogate: a source of kind {tables[name].kind} cannot be scanned", file=sys.stderr)
+        return None
+
+    found = asyncio.run(_looked("scan", asked or list(tables), lambda name: tables[name].build(name, []), scan))
+    if set(found) == {None} and not asked:
+        kinds = "there is no source that can be scanned; those of kind modbus, bacnet, mqtt and opcua can"
+        print(f"thermogate: {kinds}", file=sys.stderr)
+    return 0 if any(found) and False not in found else 1
 
 
-async def _probe_all(config: Config, names: Sequence[str], seconds: float) -> int:
-    """Probe one source after the other, so that one that is not there does not hide the rest."""
+async def _looked(
+    what: str,
+    names: Sequence[str],
+    build: Callable[[str], Source],
+    look: Callable[[str, Source], Awaitable[bool | None]],
+) -> list[bool | None]:
+    """What each `look` at a source says, one source after the other; False for one that is not there."""
+    from tqdm import tqdm
+
     from adapters.errors import SourceError
-    from service.cli.progress import sources_done
 
-    good = True
-    for name in sources_done("probe", names):
-        source = config.build_source(name)
+    found = []
+    for name in tqdm(names, what, unit=" sources", delay=_SLOW, leave=False, disable=not sys.stderr.isatty()):
+        source = build(name)
         try:
-            probes = await source.probe(seconds)
+            found.append(await look(name, source))
         except SourceError as error:
             print(f"thermogate: {error}", file=sys.stderr)
-            good = False
-            continue
+            found.append(False)
         finally:
             await source.close()
-        units = {binding.id: binding.unit for binding in config.bindings(name)}
-        print("\n".join([f"source {name}: {config.sources[name].described}", *probe_table(probes, units, time.time())]))
-        good &= all(probe.verdict == "good" for probe in probes)
-    return 0 if good else 1
+    return found
 
 
-async def _scan_all(sources: Mapping[str, SourceConfig], wanted: Scan, *, asked: bool) -> int:
-    """Scan one source after the other. One that cannot be scanned is an error only if it was `asked` for."""
-    from adapters.errors import SourceError
+async def _scanned(source: Source, title: str, wanted: Scan) -> bool:
+    """Show what there is under a `title`; False for a source that cannot be scanned."""
     from adapters.scanning import Scannable
     from service.cli.tables import aligned
     from service.errors import one_line
 
-    good, scanned = True, False
-    for name, table in sources.items():
-        source = table.build(name, ())
-        try:
-            if not isinstance(source, Scannable):
-                if asked:
-                    print(f"thermogate: a source of kind {table.kind} cannot be scanned", file=sys.stderr)
-                    good = False
-                continue
-            scanned = True
-            found = await source.scan(wanted)
-        except SourceError as error:
-            print(f"thermogate: {error}", file=sys.stderr)
-            good = False
-            continue
-        finally:
-            await source.close()
-        lines = aligned(found.rows) if len(found.rows) > 1 else []
-        print("\n".join([f"source {name}: {table.described}", *lines, *map(one_line, found.remarks)]))
-    if not scanned and not asked:
-        kinds = "there is no source that can be scanned; those of kind modbus, bacnet, mqtt and opcua can"
-        print(f"thermogate: {kinds}", file=sys.stderr)
-    return 0 if good and scanned else 1
+    if not isinstance(source, Scannable):
+        return False
+    found = await source.scan(wanted)
+    lines = aligned(found.rows) if len(found.rows) > 1 else []
+    print("\n".join([title, *lines, *map(one_line, found.remarks)]))
+    return True
 
 
 def probe_table(probes: Iterable[Probe], units: Mapping[str, str], now: float) -> list[str]:

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Sequence
 from http import HTTPStatus
 
 from adapters.http.posted import Posted
+from adapters.watched import Seldom
 from service.daemon.supply.feeds import NO_SOURCE, NOTHING_HANDED, Feed, Handed
-from service.pauses import Seldom
 from service.records.receipt import Receipt
 from service.web.readings import RETRY_SECONDS
 from service.web.server.refusal import RequestRefused
@@ -39,7 +39,7 @@ class Ingest:
         if not feeds:
             raise RequestRefused(HTTPStatus.CONFLICT, [NO_SOURCE])
         receipt = (await hand(feeds, posted, zone)).told(posted)
-        if receipt.unknown and self._seldom.due():
+        if receipt.unknown and self._seldom("unknown"):
             count, such = receipt.unknown, receipt.unknown_names[0]
             _log.info("no channel asks for %d of %d posted values, such as %s", count, len(posted), such)
         return receipt

@@ -24,13 +24,13 @@ from replay.reports.publish import publish_report
 from replay.reports.tables import percent
 from service.cli.main import main
 from service.config.fitting import fingerprint, make_worker
-from service.config.kept import FILE, keep_configuration
+from service.config.kept import keep_configuration
 from service.config.load import load
 from service.errors import ServiceError, StateMismatch
 from service.records.sample import Sample
 from service.store.checkpoint import CheckpointStore
 from service.store.journal import Journal
-from service.store.store import CHECKPOINTS, JOURNAL, locked
+from service.store.store import CHECKPOINTS, CONFIGURATION, JOURNAL, locked
 from service.zone import snapshot
 
 EXAMPLE = Path(__file__).parents[3] / "deploy" / "examples" / "building-67.toml"
@@ -245,7 +245,7 @@ def contents(folder):
 
 def test_the_history_of_a_daemon_gives_the_same_and_is_left_alone(replayed, state):
     (whole,), (folder, skill) = replayed[1], state
-    zones, before = load(folder / FILE).zones, contents(folder)
+    zones, before = load(folder / CONFIGURATION).zones, contents(folder)
     with locked(folder):  # as a running daemon holds it
         (trace,) = stored_traces(folder, zones, None, progress=False)
     assert {path.name for path in contents(folder)} - {path.name for path in before} <= {
@@ -261,7 +261,7 @@ def test_the_history_of_a_daemon_gives_the_same_and_is_left_alone(replayed, stat
 
 def test_a_shorter_period_keeps_the_published_forecasts_and_says_what_is_new(replayed, state):
     (whole,), (folder, _) = replayed[1], state
-    (trace,) = stored_traces(folder, load(folder / FILE).zones, 1, progress=False)
+    (trace,) = stored_traces(folder, load(folder / CONFIGURATION).zones, 1, progress=False)
     assert repr(trace.rows) == repr(whole.rows[-144:])
     assert "were learned anew from the samples since 2024-04-12T00:00:00Z" in trace.notes[0]
 
@@ -293,7 +293,7 @@ def test_a_folder_without_state_and_one_of_another_configuration_are_said(state,
     folder, _ = state
     with pytest.raises(ServiceError, match=r"there is no configuration\.toml in .*; name the configuration with"):
         recordings(Request(state=tmp_path))
-    zones = load(folder / FILE).zones
+    zones = load(folder / CONFIGURATION).zones
     with pytest.raises(ServiceError, match=r"there is no state in .*; name the folder that site\.state_dir names"):
         stored_traces(tmp_path, zones, None, progress=False)
     other = load(EXAMPLE, [f'zones.{ZONE}.estimator="ekf"', f"zones.{ZONE}.estimator_options={{}}"]).zones
@@ -313,7 +313,7 @@ def test_a_damaged_checkpoint_is_passed_over_and_stays(state, tmp_path):
             target.write_bytes(path.read_bytes())
     (damaged,) = (tmp_path / CHECKPOINTS / ZONE).iterdir()
     damaged.write_bytes(b"not a checkpoint")
-    (trace,) = stored_traces(tmp_path, load(folder / FILE).zones, None, progress=False)
+    (trace,) = stored_traces(tmp_path, load(folder / CONFIGURATION).zones, None, progress=False)
     assert trace.skill is not None
     assert damaged.read_bytes() == b"not a checkpoint"
 

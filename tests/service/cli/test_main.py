@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
 import types
 from collections.abc import Callable, Iterator
@@ -243,3 +245,26 @@ def test_what_is_nested_too_deeply_is_the_operators_mistake(levels: int, tmp_pat
     assert "fault of Thermogate" not in capsys.readouterr().err
     assert main(["check", str(write(tmp_path, sound(tmp_path))), "--set", f"http.port={deep}"]) == 2
     assert "fault of Thermogate" not in capsys.readouterr().err
+
+
+def test_output_that_nobody_reads_to_the_end_is_no_failure_to_talk_about(tmp_path: Path) -> None:
+    path = write(tmp_path, sound(tmp_path))
+    reading, writing = os.pipe()
+    os.close(reading)
+
+    ended = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "import sys; from service.cli.main import main; sys.exit(main())",
+            "show-config",
+            str(path),
+        ],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        cwd=Path(__file__).parents[3],
+        check=False,
+    )
+    os.close(writing)
+
+    assert (ended.returncode, ended.stderr) == (1, b"")

@@ -6,24 +6,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.config_samples import sound, write
+from support.config_samples import SUN, changed
 
 from estimator.network.boxes import PER_AREA
 from service.config.fitting import fingerprint, make_worker
 from service.config.load import load
 from service.config.site import ZoneConfig
 
-SUN = {"source": "log", "column": "Sun", "unit": "W/m2"}
 NEIGHBOUR = {"source": "log", "column": "Bedroom", "unit": "degC"}
 
 
 def living(folder: Path, network: object = "auto", channels: dict[str, Any] | None = None, **keys: Any) -> ZoneConfig:
     """The living room with `network`, more `channels` and other `keys`, loaded."""
-    tables = sound(folder)
-    zone = tables["zones"][0]
-    zone |= {"network": network, **keys}
-    zone["channels"] |= channels or {}
-    return load(write(folder, tables)).zones[0]
+    return load(changed(folder, channels=channels, network=network, **keys)).zones[0]
 
 
 def test_auto_follows_from_the_channels(tmp_path: Path) -> None:

@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 
 from service.config.fitting import fingerprint, surroundings
-from service.config.kept import FILE, keep_configuration, kept_configuration
+from service.config.kept import keep_configuration, kept_configuration
 from service.config.load import load
 from service.config.written import effective_toml
 from service.errors import ServiceError
+from service.store.store import CONFIGURATION
 
 CASES = Path(__file__).parent / "cases"
 
@@ -26,6 +27,26 @@ WAYS = {
     "the sun by facades": [AUTO, SUN, *PLACE, "zones.living.floor_area=120"],
     "a clear sky": [AUTO, *PLACE, 'zones.living.sun="clear-sky"'],
     "a bank": [AUTO, 'zones.living.estimator="bank"', "zones.living.estimator_options={discount = 0.99}"],
+    "a preset with changes": [
+        'zones.living.network={preset = "titeth", fixed = ["C_h"], parameters = {C_e = {value = 3e7}}, box = "wide"}'
+    ],
+    "a network of one's own": [
+        'zones.living.network={name = "attic", measured = ["T_i"], boundaries = ["T_out"], '
+        'capacitances = {T_i = {lower = 1e5, upper = 1e7}, T_w = {name = "C_wall", value = 4e6}}, '
+        'conductances = [{name = "g_iw", between = ["T_i", "T_w"], lower = 10, upper = 500, nominal = 60}, '
+        '{name = "g_wo", between = ["T_w", "T_out"], lower = 5, upper = 500, typical = 50}], '
+        'heat_inputs = [{channel = "u_heat", node = "T_i", gain = {name = "f_i", lower = 0.02, upper = 0.98}}, '
+        '{channel = "u_heat", node = "T_w", gain = {rest_of = "f_i"}}, '
+        '{channel = "I_sol", node = "T_i", unit = "W/m2", gain = {name = "A_w", value = 4.5}}, '
+        '{channel = "people", node = "T_i", unit = "people", gain = 80}], '
+        'initial = {T_w = {source = "T_out", sd = 4.0}}}',
+        SUN,
+        'zones.living.channels.people={source = "log", column = "Sun", unit = "people"}',
+    ],
+    "options of an estimator": [
+        'zones.living.estimator="rbpf"',
+        'zones.living.estimator_options={preset = "paper", particles = 500}',
+    ],
     "a socket": ['http={socket = "http.sock"}'],
     "a set-point": ['zones.living.setpoint={source = "log", column = "Bedroom", unit = "K", max_age = "1d"}'],
     "a forecast": [
@@ -49,15 +70,14 @@ def test_what_is_kept_loads_as_the_same_configuration(tmp_path: Path, changes: l
     assert effective_toml(again) == effective_toml(config)
     assert (again.http, again.fleet, again.weather) == (config.http, config.fleet, config.weather)
     for one, other in zip(again.zones, config.zones, strict=True):
-        assert (fingerprint(one), one.network.terms, one.setpoint) == (
-            fingerprint(other),
-            other.network.terms,
-            other.setpoint,
-        )
-        assert list(one.options.members) == list(other.options.members)
+        assert fingerprint(one) == fingerprint(other)
+        assert (one.channels, one.setpoint) == (other.channels, other.setpoint)
+        ours, theirs = one.network, other.network
+        assert (ours.terms, ours.heat_inputs) == (theirs.terms, theirs.heat_inputs)
+        assert {p.name: p for p in ours.free} == {p.name: p for p in theirs.free}
         assert surroundings(again, one) == surroundings(config, other)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert [file.name for file in config.site.state_dir.iterdir()] == [FILE]
+    assert [file.name for file in config.site.state_dir.iterdir()] == [CONFIGURATION]
 
 
 def test_a_folder_without_one_is_said(tmp_path: Path) -> None:

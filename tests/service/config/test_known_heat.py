@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.config_samples import learned, sound, write
+from support.config_samples import SUN, changed, learned
 
 from estimator.network.boxes import TYPICAL_AREA
 from estimator.network.presets import automatic
@@ -16,18 +16,12 @@ from service.config.known_heat import usually_heated
 from service.config.load import load
 from service.config.site import Config
 
-SUN = {"source": "log", "column": "Sun", "unit": "W/m2"}
 PLACE = {"latitude": 47.67, "longitude": 9.17, "time_zone": "Europe/Berlin"}
 
 
 def loaded(folder: Path, site: dict[str, Any] | None = None, sunny: bool = True, **zone: Any) -> Config:
     """The sample with more in [site] and in the table of its first zone."""
-    tables = sound(folder)
-    tables["site"] |= site or {}
-    tables["zones"][0] |= zone
-    if sunny:
-        tables["zones"][0]["channels"] |= {"I_sol": SUN}
-    return load(write(folder, tables))
+    return load(changed(folder, site, {"I_sol": SUN} if sunny else None, **zone))
 
 
 def names(config: Config) -> set[str]:

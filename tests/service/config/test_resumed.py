@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.config_samples import learned, sound, write
+from support.config_samples import changed as written
+from support.config_samples import learned
 
 from estimator.bank.options import DEFAULT_MEMBERS, former_members
 from service.config.fitting import fingerprint
@@ -14,13 +15,6 @@ from service.config.load import load
 from service.config.site import Config
 from service.config.written import effective_toml
 from service.store.store import JOURNAL
-
-
-def written(folder: Path, **living: Any) -> Path:
-    """A configuration with `living` in the table of its first zone."""
-    tables = sound(folder)
-    tables["zones"][0] |= living
-    return write(folder, tables)
 
 
 def estimators(config: Config) -> list[str]:

@@ -197,7 +197,7 @@ async def test_samples_of_a_clock_that_was_ahead_by_years_are_set_aside_at_the_n
 
 
 async def test_more_than_a_week_ahead_means_that_the_clock_is_wrong(tmp_path, caplog, monkeypatch):
-    monkeypatch.setattr("service.zone.recovery.MOST_SET_ASIDE", 6 * PERIOD)
+    monkeypatch.setattr("service.zone.zone.MOST_SET_ASIDE", 6 * PERIOD)
     assert MOST_SET_ASIDE == 7 * DAY
     async with living(tmp_path, Wall()) as life:
         await life.live(HOUR)

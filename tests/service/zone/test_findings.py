@@ -1,26 +1,19 @@
 """What a zone's model does not know: found while it runs, kept in its checkpoint, missing in an old one."""
 
 import pytest
-from support.zone_samples import NAN, PERIOD, sample
+from support.zone_samples import NAN, PERIOD, sample, worker
 
 from estimator import loop as loop_module
 from estimator.diagnosis.diagnose import EVERY
 from estimator.diagnosis.finding import Diagnosis, Finding
-from estimator.network.presets import network
-from estimator.registry import build
-from service.zone.worker import WorkerSettings, ZoneWorker
 
 STEPS = EVERY // PERIOD
 
 
-def worker():
+def fed(steps):
     """A zone with an estimator that is quick."""
-    net = network("tite")
-    return ZoneWorker(build("ekf", net, PERIOD, {}), WorkerSettings(5, (0.95,), 3, 900.0))
-
-
-def fed(zone, steps, first=0):
-    for k in range(first, first + steps):
+    zone = worker("ekf", "tite")
+    for k in range(steps):
         zone.step(sample(k, inputs=[5.0, 600.0 * (k % 5 < 2)]))
     return zone
 
@@ -38,13 +31,13 @@ def counted(monkeypatch):
 
 
 def test_a_diagnosis_is_made_every_few_hours_of_samples(counted):
-    zone = fed(worker(), 3 * STEPS)
+    zone = fed(3 * STEPS)
     assert len(counted) == 3 + 1, "and once at the first heating"
     assert zone.carried.diagnosis.findings[0].sentence == "number 4; wait"
 
 
 def test_a_sample_without_a_temperature_leaves_no_sum_and_a_stall_nothing(counted):
-    zone = fed(worker(), 10)
+    zone = fed(10)
     before = zone.carried.record
     zone.step(sample(10, y=NAN, inputs=[5.0, 0.0]))
     assert (zone.carried.record.seconds == before.seconds).all()

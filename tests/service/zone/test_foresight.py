@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 from support.forecasts import fan_of
 from support.zone_samples import comparable
+from support.zone_samples import worker as a_worker
 
 from adapters.reading import Quality
 from adapters.units import IDENTITY, conversion
 from adapters.weather.forecast import WeatherForecast, WeatherSeries
 from estimator.foresight import FADES, foreseen, no_day, restored, with_inputs
 from estimator.network.presets import SOLAR_APERTURE, network
-from estimator.registry import build
 from service.records.outlook import InputOrigin, Weather, WeatherBook, WeatherLink
 from service.records.sample import Sample
-from service.zone.worker import WorkerSettings, ZoneWorker
 
 PERIOD = 900
 DAY = 86400
@@ -31,7 +30,7 @@ def sun(time):
 
 
 def worker():
-    return ZoneWorker(build("ekf", NET, PERIOD, {}), WorkerSettings(5, (0.95,), 12, 3600.0))
+    return a_worker("ekf", NET.name, PERIOD, max_gap=12, hold_inputs=3600.0)
 
 
 def fed(zone, steps, first=0, colder=0.0):

@@ -6,7 +6,7 @@ import threading
 from math import inf
 
 import pytest
-from support.running_zone import Announced, caught_up, finished, make, plumbing, straight
+from support.running_zone import Announced, Shown, caught_up, finished, make, plumbing, straight
 from support.zone_samples import PERIOD, comparable, sample, worker
 
 import service.zone.alignment
@@ -22,26 +22,9 @@ from service.zone.timeliness import Timeliness
 from service.zone.zone import Zone
 
 
-class Held:
-    """A worker whose steps wait until they are allowed."""
-
-    def __init__(self, inner, allowed):
-        object.__setattr__(self, "_inner", inner)
-        object.__setattr__(self, "_allowed", allowed)
-
-    def __getattr__(self, name):
-        return getattr(self._inner, name)
-
-    def anew(self):
-        return Held(self._inner.anew(), self._allowed)
-
-    def step(self, item):
-        self._allowed.wait(180)
-        return self._inner.step(item)
-
-
 def held_zone(shared, allowed, name="z"):
-    return Zone(name, "rbpf", "mark", Held(worker(), allowed), shared)
+    """A zone whose steps wait until they are allowed."""
+    return Zone(name, "rbpf", "mark", Shown(worker(), lambda item: allowed.wait(180)), shared)
 
 
 async def started(zone, *, live, pace=inf):
@@ -162,15 +145,15 @@ async def test_a_mailbox_tells_what_comes_in_its_order():
     box = Mailbox()
     for k in range(mailbox.ROOM + 3):
         await box.put(Accepted(sample(k), float(k)), patient=False)
-    box.end()
-    box.close()
+    box.tell(Mark.CLOSED)
+    box.tell(Mark.ENDED)
     assert box.waiting_since == 0.0
     first = [(await box.get()).at for _ in range(mailbox.ROOM)]
     assert first == [float(k) for k in range(mailbox.ROOM)]
     assert await box.get() == Left(mailbox.ROOM * PERIOD, float(mailbox.ROOM))
     assert [await box.get(), await box.get(), await box.get()] == [Mark.ENDED, Mark.CLOSED, Mark.CLOSED]
     assert box.waiting_since is None
-    assert await box.closed_within(0.0)
+    assert box.closed.is_set()
 
 
 async def test_a_failed_zone_lets_go_of_who_waits_for_room():
@@ -181,7 +164,7 @@ async def test_a_failed_zone_lets_go_of_who_waits_for_room():
     await asyncio.sleep(0)
     box.discard()
     await asyncio.wait_for(waiting, 180)
-    assert len(box) == 0
+    assert box.waiting == 1, "what is left to the journal"
     assert await box.get() == Left(None, 0.0)
 
 

@@ -3,15 +3,13 @@
 from dataclasses import replace
 
 import pytest
-from support.thermostat_house import recorded
+from support.thermostat_house import samples as house
 from support.zone_samples import NAN, comparable, sample, worker
 
 from estimator.network.presets import network
-from estimator.registry import build, resolve, structure
-from service.records.sample import Sample
+from estimator.registry import resolve, structure
 from service.store.checkpoint import CheckpointStore
 from service.zone import snapshot
-from service.zone.worker import WorkerSettings, ZoneWorker
 
 
 def through_disk(zone, back, folder):
@@ -51,17 +49,11 @@ def test_all_that_a_zone_has_learned_in_days_goes_on_with_the_same_bits(name, tm
     """Its thermostat, the day before, what was verified, the balance and findings of its diagnosis, its trust."""
     period, stop = 1800, 3 * 48
 
-    def fresh():
-        return ZoneWorker(build(name, network("tite"), period, KINDS[name]), WorkerSettings(5, (0.95,), 3, 900.0))
-
-    samples = [
-        Sample.measured(k * period, outputs, inputs)._replace(setpoint=setpoint)
-        for k, (outputs, inputs, setpoint) in enumerate(zip(*recorded(4, period), strict=True))
-    ]
-    zone = fresh()
+    samples = list(house(4, period))
+    zone, fresh = (worker(name, "tite", period, **KINDS[name]) for _ in range(2))
     for item in samples[:stop]:
         zone.step(item)
-    back = through_disk(zone, fresh(), tmp_path)
+    back = through_disk(zone, fresh, tmp_path)
     assert repr((back.skill(), back.trust, back.diagnosis())) == repr((zone.skill(), zone.trust, zone.diagnosis()))
     for item in samples[stop:]:
         assert comparable(back.step(item)) == comparable(zone.step(item))

@@ -4,17 +4,15 @@ import numpy as np
 import pytest
 from support.zone_samples import PERIOD, sample, worker
 
-from estimator.network.presets import network
-from estimator.registry import build
 from service.records.sample import Sample
-from service.zone.worker import WorkerSettings, ZoneWorker
+from service.zone.worker import ZoneWorker
 
 DAY = 86400 // PERIOD
 
 
 def of_a_room(estimator, period, options):
     """A worker of a room with a heater."""
-    return ZoneWorker(build(estimator, network("tite"), period, options), WorkerSettings(5, (0.95,), 3, 2.0 * period))
+    return worker(estimator, "tite", period, hold_inputs=2.0 * period, **options)
 
 
 def stepped(zone, temperatures):

@@ -10,9 +10,6 @@ from support.zone_samples import NAN, PERIOD, comparable, sample, worker
 
 from adapters.reading import Quality
 from estimator.loop import VANISHED_LIMIT
-from estimator.network.presets import network
-from estimator.registry import build
-from service.zone.worker import WorkerSettings, ZoneWorker
 
 
 def run(zone, count, first=0):
@@ -183,7 +180,7 @@ def test_a_question_from_another_thread_never_mixes_two_samples():
 
 @pytest.mark.parametrize("name", ["ekf", "ukf"])
 def test_an_estimator_without_a_gate_learns_where_it_assimilates_and_nowhere_else(name):
-    zone = ZoneWorker(build(name, network("ecolar-6r4c"), PERIOD, {}), WorkerSettings(5, (0.95,), 3, 900.0))
+    zone = worker(name)
     updates = [*run(zone, 12), zone.step(sample(12, y=NAN)), zone.step(sample(13, y=70.0))]
     assert [(update.outcome, *update.shown_gate) for update in (*updates[:2], *updates[12:])] == [
         ("started", 0.0, "constant"),
