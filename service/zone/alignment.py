@@ -86,7 +86,7 @@ class Alignment:
 
     def __init__(self, network: Network, period: float, sources: Iterable[str], rules: Rules | None = None) -> None:
         """`network` gives the channels and their order; `period` is a whole number of s; `sources` feed the zone."""
-        rules = rules or Rules()
+        self._rules = rules = rules or Rules()
         aggregates = rules.aggregates
         self.faults: Counter[Fault] = Counter()
         self.last_good: dict[str, float] = {}
@@ -97,7 +97,7 @@ class Alignment:
         """Those of the network in its order, then the set-point if somebody tells it."""
         self._width = len(network.channels)
         self._outputs = len(network.measured)
-        self._rules: list[Aggregate] = [
+        self._aggregates: list[Aggregate] = [
             AGGREGATES[aggregates.get(channel) or default_aggregate(unit_of(network, channel))]
             for channel in self.channels
         ]
@@ -109,10 +109,6 @@ class Alignment:
         prefix = "" if rules.zone is None else f"{rules.zone}/"
         self._slots = {prefix + channel: slot for slot, channel in enumerate(self.channels)}
         self._period = int(period)
-        self._lateness = rules.lateness
-        self._live = rules.live
-        self._earliest = rules.earliest
-        self._idle_limit = rules.idle_limit
         self._clocks = dict.fromkeys(sources, -inf)
         self._open: dict[int, _Interval] = {}
         self._resumed = -1 if rules.resume_after is None else rules.resume_after // self._period
@@ -121,7 +117,6 @@ class Alignment:
         self._next = None if rules.resume_after is None else self._resumed + 1
         """Index of the next interval that has to become a sample; None before the first."""
         self._idle = rules.resume_idle
-        self._setpoint_age = rules.setpoint_age or 0.0
         self._meant: _Meant | None = None
 
     def add(self, source: str, readings: Iterable[Reading], now: float) -> list[Sample]:
@@ -149,7 +144,7 @@ class Alignment:
                 self.faults[Fault.OVERRUN] += 1
             else:
                 row[time] = value
-        if isfinite(now) and now >= self._earliest:
+        if isfinite(now) and now >= self._rules.earliest:
             self._clocks[source] = max(now, self._clocks.get(source, -inf))
         return self._advance()
 
@@ -167,7 +162,7 @@ class Alignment:
 
         This is how the intervals of live sources close when these are silent.
         """
-        if now < self._earliest:
+        if now < self._rules.earliest:
             return []
         self._clocks = {source: max(now, clock) for source, clock in self._clocks.items()}
         return self._advance()
@@ -175,7 +170,7 @@ class Alignment:
     @property
     def closes_at(self) -> float:
         """UTC s at which the next interval closes, if no source has gone past it before."""
-        return (self._closed + 2) * self._period + self._lateness
+        return (self._closed + 2) * self._period + self._rules.lateness
 
     @property
     def closed_until(self) -> int:
@@ -184,7 +179,7 @@ class Alignment:
 
     def last_before(self, now: float) -> int:
         """Time of the last interval that is over at `now`, UTC s."""
-        return (int((now - self._lateness) // self._period) - 1) * self._period
+        return (int((now - self._rules.lateness) // self._period) - 1) * self._period
 
     def set_back(self, now: float) -> None:
         """The wall clock was set back to `now`, and what lies ahead of it was set aside: the grid goes on from there.
@@ -213,11 +208,11 @@ class Alignment:
 
     def _accept(self, time: float, value: float, quality: Quality, fault: Fault | None) -> int | None:
         """Index of the interval that the reading belongs to, or None if it is not used; then its fault is counted."""
-        if not self._earliest <= time < LATEST:
+        if not self._rules.earliest <= time < LATEST:
             self.faults[fault or Fault.BAD_TIMESTAMP] += 1
             return None
         index = int(time // self._period)
-        if index <= self._resumed and not self._live:
+        if index <= self._resumed and not self._rules.live:
             return None
         if fault is None and index <= self._closed:
             fault = Fault.OUT_OF_ORDER
@@ -231,7 +226,7 @@ class Alignment:
         clock = min(self._clocks.values(), default=-inf)
         if not isfinite(clock):
             return []
-        return self._close(int((clock - self._lateness) // self._period) - 1)
+        return self._close(int((clock - self._rules.lateness) // self._period) - 1)
 
     def _close(self, last: int) -> list[Sample]:
         """Close the intervals up to index `last`."""
@@ -257,7 +252,7 @@ class Alignment:
         if self._next is None:
             return []
         begin = self._next
-        self._next = max(begin, min(end, begin + self._idle_limit - self._idle))
+        self._next = max(begin, min(end, begin + self._rules.idle_limit - self._idle))
         self._idle += self._next - begin
         return [self._sample(index, None) for index in range(begin, self._next)]
 
@@ -287,14 +282,14 @@ class Alignment:
 
     def _setpoint(self, index: int) -> float:
         """The set-point in the interval; NaN if it is not known, or too old."""
-        if self._meant is None or not 0 <= index * self._period - self._meant.time <= self._setpoint_age:
+        if self._meant is None or not 0 <= index * self._period - self._meant.time <= (self._rules.setpoint_age or 0.0):
             return nan
         return self._meant.value
 
     def _aggregated(
         self, slot: int, index: int, readings: dict[float, float], uncertain: set[tuple[int, float]]
     ) -> tuple[float, Quality]:
-        rule = self._rules[slot]
+        rule = self._aggregates[slot]
         times = sorted(readings)
         used = times[rule.used]
         try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from support.broker import Party, broker
 from support.modbus_plant import plant, running
 
 from adapters.reading import Probe
@@ -39,17 +38,6 @@ def test_registers_are_listed_without_any_zone(tmp_path: Path, capsys: pytest.Ca
         assert site.codes <= {3, 4}
 
 
-def test_topics_are_listed_without_any_zone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with broker(tmp_path) as site, Party(site.port) as party:
-        party.put("home/living", '{"temperature": 21.5}', retain=True, qos=1)
-        text = f'[sources.home]\nkind = "mqtt"\nhost = "127.0.0.1"\nport = {site.port}\n'
-        assert main(["probe", written(tmp_path, text), "--scan", "--seconds", "1"]) == 0
-    title, headings, row = capsys.readouterr().out.splitlines()
-    assert title == f"source home: mqtt://127.0.0.1:{site.port}, MQTT 5"
-    assert headings.split() == ["topic", "pointer", "number", "came"]
-    assert row.split() == ["home/living", "/temperature", "21.5", "retained"]
-
-
 def test_what_a_source_calls_its_things_does_not_steer_the_terminal() -> None:
     probe = Probe("room/T", "home/T", "-", None, None, "nothing came", ("heard meanwhile: home/\x1b[2J",))
     assert probe_table([probe], {"room/T": "degC"}, 0.0)[-1] == "    heard meanwhile: home/\\x1b[2J"
@@ -62,9 +50,3 @@ def test_a_device_that_is_not_there_is_one_sentence(tmp_path: Path, capsys: pyte
     shown = capsys.readouterr()
     assert shown.out == ""
     assert shown.err.startswith(f"thermogate: sources.bms: no connection to 127.0.0.1:{gone}; check")
-
-
-def test_a_scan_that_is_too_much_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with running(plant({1: [1]})) as site:
-        assert main(["probe", written(tmp_path, modbus(site.port)), "--scan", "--devices", "0-255"]) == 1
-    assert "that is 51200 registers; a scan looks at 20000 at most" in capsys.readouterr().err

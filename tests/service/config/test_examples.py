@@ -12,10 +12,6 @@ from service.config.load import load
 EXAMPLES = Path(__file__).parents[3] / "deploy/examples"
 
 
-def test_there_is_one_example_per_situation() -> None:
-    assert {path.stem for path in EXAMPLES.glob("*.toml")} >= {"flexhouse", "building-67", "ecolar", "generic-csv"}
-
-
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
 def test_example_passes_its_check(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(path)]) == 0
@@ -24,15 +20,6 @@ def test_example_passes_its_check(path: Path, capsys: pytest.CaptureFixture[str]
     assert shown.out.startswith("OK: site '")
     assert shown.err == ""
     assert "warning:" not in shown.out
-
-
-def test_flexhouse_takes_the_measured_file_by_override(capsys: pytest.CaptureFixture[str]) -> None:
-    measured = EXAMPLES.parents[2] / "shared/data/flexhouse_prbs1/inputPRBS1.csv"
-    if not measured.exists():
-        pytest.skip(f"the measured recording is not at {measured}")
-
-    assert main(["check", str(EXAMPLES / "flexhouse.toml"), "--set", f'sources.recording.files=["{measured}"]']) == 0
-    assert "inputPRBS1.csv" in capsys.readouterr().out
 
 
 def test_ecolar_is_preprocessed_as_in_the_paper() -> None:

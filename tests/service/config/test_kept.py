@@ -54,6 +54,7 @@ WAYS = {
         'zones.living.channels.T_out.forecast={source = "outlook", series = "t", unit = "degF"}',
     ],
     "a fleet": ['fleet={database = "postgresql://db.example/x", password_file = "secret", shards = 3}'],
+    "several servers of a fleet": ['fleet={database = "postgresql://me@a:5432,b:5433/x?target_session_attrs=any"}'],
 }
 
 

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 from pathlib import Path
-from typing import Any
 
 import pytest
 from support.config_samples import sound, write
 
 from adapters.fields.durations import format_duration, parse_duration
-from adapters.reading import Fault, Reading
 from service.cli.show import summary
 from service.config.fitting import fingerprint
 from service.config.load import load
@@ -65,44 +62,6 @@ def test_what_is_no_duration(wrong: object) -> None:
 def test_durations_are_written_in_the_largest_unit_that_fits_and_read_back(seconds: float, written: str) -> None:
     assert format_duration(seconds) == written
     assert parse_duration(written) == seconds
-
-
-def readings(folder: Path, tables: dict[str, Any]) -> list[Reading]:
-    source = load(write(folder, tables)).build_source("log")
-
-    async def collect() -> list[Reading]:
-        return [reading async for batch in source.batches(None) for reading in batch.readings]
-
-    return asyncio.run(collect())
-
-
-def test_source_delivers_every_channel_of_every_zone_in_the_units_of_the_network(tmp_path: Path) -> None:
-    delivered = readings(tmp_path, sound(tmp_path))
-
-    # 3 May 2025 00:00 in Berlin is 22:00 UTC on the day before.
-    assert {reading.time for reading in delivered} == {1746223200.0}
-    assert {reading.channel: reading.value for reading in delivered} == pytest.approx(
-        {
-            "living/T_i": 20.5,
-            "living/T_out": 10.0,
-            "living/u_heat": 600.0,
-            "bedroom/T_i": 19.5,
-            "bedroom/T_out": 10.0,
-            "bedroom/u_heat": 400.0,
-            "bedroom/I_sol": 0.0,
-        }
-    )
-
-
-def test_source_applies_scale_offset_and_valid_range(tmp_path: Path) -> None:
-    tables = sound(tmp_path)
-    tables["zones"][0]["channels"]["T_i"] |= {"scale": 2.0, "offset": -1.0}
-    tables["zones"][0]["channels"]["u_heat"]["valid"] = [0, 500]
-
-    delivered = {reading.channel: reading for reading in readings(tmp_path, tables)}
-
-    assert delivered["living/T_i"].value == 40.0
-    assert delivered["living/u_heat"].fault is Fault.OUT_OF_RANGE
 
 
 def test_a_set_point_is_delivered_beside_the_channels(tmp_path: Path) -> None:

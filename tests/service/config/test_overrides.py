@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
-from support.config_samples import HEADER, sound, write
 
-from service.config.load import load
 from service.config.overrides import apply_overrides
-from service.errors import ConfigError
 
 
 @pytest.mark.parametrize(
@@ -62,21 +58,3 @@ def test_later_overrides_win_and_the_original_stays() -> None:
 
     assert apply_overrides(raw, ["http.port=2", "http.port=3"]) == {"http": {"port": 3}}
     assert raw == {"http": {"port": 1}}
-
-
-def test_paths_in_overrides_are_relative_to_the_folder_of_the_file_or_absolute(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = write(tmp_path, sound(tmp_path))
-    elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir()
-    (elsewhere / "b.csv").write_text(HEADER, encoding="utf-8")
-    monkeypatch.chdir(elsewhere)
-
-    relative = load(path, ['sources.log.files=["log.csv", "elsewhere/b.csv"]'])
-    absolute = load(path, [f'sources.log.files=["{elsewhere}/b.csv"]'])
-
-    assert relative.sources["log"].files == (tmp_path / "log.csv", elsewhere / "b.csv")
-    assert absolute.sources["log"].files == (elsewhere / "b.csv",)
-    with pytest.raises(ConfigError, match="cannot be read"):
-        load(path, ['sources.log.files=["b.csv"]'])

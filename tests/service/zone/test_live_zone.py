@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-from math import isnan
 
 import pytest
 from support.running_zone import make, plumbing
@@ -26,16 +25,6 @@ def alignment(**settings):
 
 def readings(time, value=20.0, channels=TITE.channels):
     return [Reading(channel, time, value) for channel in channels]
-
-
-def test_the_clock_closes_an_interval_that_a_silent_source_would_keep_open():
-    align = alignment()
-    assert align.add("bms", readings(10.0, channels=["T_i"]), 310.0) == [], "the weather has not said anything yet"
-    assert align.elapse(299.0) == []
-    (sample,) = align.elapse(300.0)
-    assert sample.time == 0
-    assert sample.outputs[0] == 20.0
-    assert all(isnan(value) for value in sample.inputs)
 
 
 def test_an_input_is_held_for_its_own_age():

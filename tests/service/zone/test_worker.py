@@ -142,22 +142,6 @@ def test_a_single_outlier_is_passed_over():
     assert zone.progress.vanished == 0
 
 
-def test_the_fan_begins_with_the_standing_forecast_and_follows_its_plan():
-    zone = worker()
-    run(zone, 30)
-    held = fan_of(zone, 12)
-    warm = fan_of(zone, 12, {"u_heat": 9000.0})
-    assert held.outputs[0].mean.shape == held.outputs[0].lower[0].shape == (13,)
-    standing = zone.latest.forecast.outputs[0]
-    for fan in (held, warm):
-        assert (fan.outputs[0].mean[0], fan.outputs[0].sd[0]) == (standing.mean, standing.sd)
-    assert warm.outputs[0].mean[-1] > held.outputs[0].mean[-1]
-    before = comparable(zone.latest)
-    fan_of(zone, 3)
-    assert comparable(zone.latest) == before
-    assert zone.step(sample(30)).score.mean[0] == standing.mean
-
-
 def test_a_question_from_another_thread_never_mixes_two_samples():
     zone = worker(particles=2000)
     run(zone, 3)
