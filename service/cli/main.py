@@ -11,7 +11,7 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, entry_points, version
+from importlib.metadata import entry_points, version
 from pkgutil import iter_modules
 from typing import NoReturn
 
@@ -91,7 +91,7 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="thermogate", description=_DESCRIPTION, allow_abbrev=False)
-    parser.add_argument("--version", action="version", version=f"thermogate {_version()}")
+    parser.add_argument("--version", action="version", version=f"thermogate {version('thermogate')}")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
 
     def add(name: str, command: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
@@ -114,10 +114,3 @@ def _commands() -> list[Callable[[AddCommand], None]]:
     }
     found |= {offered.name: offered.load() for offered in entry_points(group="thermogate.commands")}
     return [found[name] for name in sorted(found)]
-
-
-def _version() -> str:
-    try:
-        return version("thermogate")
-    except PackageNotFoundError:
-        return "(not installed)"

@@ -40,6 +40,7 @@ def host(value: object) -> str:
 Address = Annotated[str, BeforeValidator(address)]
 Host = Annotated[str, BeforeValidator(host)]
 Port = Annotated[int, BeforeValidator(whole(0, 65535))]
+Streams = Annotated[int, BeforeValidator(whole(0, 100_000))]
 
 
 class LimitsConfig(BaseModel):
@@ -49,12 +50,8 @@ class LimitsConfig(BaseModel):
 
     connections: Count = Field(default=256, description="connections at a time")
     connections_per_client: Count = Field(default=32, description="of one address (IPv6: one /64)")
-    streams: Annotated[int, BeforeValidator(whole(0, 100_000))] = Field(
-        default=64, description="event streams at a time"
-    )
-    streams_per_client: Annotated[int, BeforeValidator(whole(0, 100_000))] = Field(
-        default=8, description="of one key, or of one address without keys"
-    )
+    streams: Streams = Field(default=64, description="event streams at a time")
+    streams_per_client: Streams = Field(default=8, description="of one key, or of one address without keys")
     body: Annotated[int, BeforeValidator(whole(1024, 1_000_000_000))] = Field(
         default=1_048_576, description="bytes in the body of a request; more: 413"
     )

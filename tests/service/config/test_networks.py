@@ -10,35 +10,24 @@ from support.config_samples import inline_network
 
 from estimator.network import presets
 from estimator.network.network import Network
-from service.config.network_tables import InlineConfig, PresetConfig
+from service.config.network_tables import network_model
 from service.config.networks import resolve
 from service.config.written import network_table
 
 
 def built(table: dict[str, Any]) -> Network:
-    network, mistakes = resolve(PresetConfig.model_validate(table))
+    model, long_form = network_model(table)
+    network, mistakes = resolve(model.model_validate(long_form))
     assert not mistakes
     assert network is not None
     return network
-
-
-def built_inline(table: dict[str, Any]) -> Network:
-    network, mistakes = resolve(InlineConfig.model_validate(table))
-    assert not mistakes
-    assert network is not None
-    return network
-
-
-@pytest.mark.parametrize("name", presets.PRESETS)
-def test_a_preset_by_name_is_the_preset(name: str) -> None:
-    assert built({"preset": name}) == presets.network(name)
 
 
 @pytest.mark.parametrize("name", presets.PRESETS)
 def test_a_preset_written_out_as_inline_network_is_the_same_network(name: str) -> None:
-    preset = presets.network(name)
-
-    again = built_inline(network_table(preset))
+    preset = built({"preset": name})
+    assert preset == presets.network(name)
+    again = built(network_table(preset))
 
     initial = {node: preset.initial_temperature(node) for node in preset.nodes}
     assert replace(again, parameters=set(again.parameters)) == replace(  # type: ignore[arg-type]
@@ -53,4 +42,4 @@ def test_network_without_heat_inputs() -> None:
     table = inline_network()
     del table["heat_inputs"]
 
-    assert built_inline(table).channels == ("T_air", "T_out")
+    assert built(table).channels == ("T_air", "T_out")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from typing import Any
@@ -33,10 +33,6 @@ async def asking() -> AsyncIterator[Questions]:
 async def ask(questions: Questions, asker: Asker, question: Callable[[Callable[[], bool]], Any]) -> Any:
     asked_by(asker)
     return await questions.ask(question)
-
-
-def run(scenario: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(scenario, 120))
 
 
 class Long:
@@ -90,7 +86,7 @@ async def test_all_clients_together_are_bounded_but_not_the_daemon() -> None:
         await asyncio.gather(*asked, return_exceptions=True)
 
 
-def test_the_server_says_when_a_client_has_gone() -> None:
+async def test_the_server_says_when_a_client_has_gone() -> None:
     app = FastAPI()
     seen: list[Asker] = []
 
@@ -101,19 +97,16 @@ def test_the_server_says_when_a_client_has_gone() -> None:
         seen.append(asker)
         await until(asker.gone.is_set)
 
-    async def scenario() -> None:
-        async with serving(app, config()) as server:
-            client = await Client.to(server)
-            await client.send(b"GET /long HTTP/1.1\r\nHost: localhost\r\n\r\n")
-            await until(lambda: bool(seen))
-            assert not seen[0].gone.is_set()
-            await client.close()
-            await until(seen[0].gone.is_set)
-
-    run(scenario())
+    async with serving(app, config()) as server:
+        client = await Client.to(server)
+        await client.send(b"GET /long HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        await until(lambda: bool(seen))
+        assert not seen[0].gone.is_set()
+        await client.close()
+        await until(seen[0].gone.is_set)
 
 
-def test_what_a_request_has_left_behind_goes_on_when_its_client_goes() -> None:
+async def test_what_a_request_has_left_behind_goes_on_when_its_client_goes() -> None:
     app = FastAPI()
     seen: list[Asker] = []
 
@@ -121,12 +114,9 @@ def test_what_a_request_has_left_behind_goes_on_when_its_client_goes() -> None:
     async def short() -> None:
         seen.extend(filter(None, [current_asker()]))
 
-    async def scenario() -> None:
-        async with serving(app, config()) as server:
-            client = await Client.to(server)
-            assert (await client.ask("/short")).status == 200
-            await client.close()
-            await until(lambda: not server.open_connections)
-            assert not seen[0].gone.is_set()
-
-    run(scenario())
+    async with serving(app, config()) as server:
+        client = await Client.to(server)
+        assert (await client.ask("/short")).status == 200
+        await client.close()
+        await until(lambda: not server.open_connections)
+        assert not seen[0].gone.is_set()
