@@ -68,12 +68,15 @@ def test_a_set_point_is_delivered_beside_the_channels(tmp_path: Path) -> None:
     tables = sound(tmp_path)
     without = load(write(tmp_path, tables))
     tables["zones"][0]["setpoint"] = {"source": "log", "column": "Bedroom", "unit": "K", "max_age": "1d"}
+    tables["zones"][0]["channels"]["u_heat"]["valid"] = [0, 500]
     config = load(write(tmp_path, tables))
     zone = config.zones[0]
     assert zone.setpoint is not None
     assert (zone.setpoint.aggregate, zone.setpoint.valid) == ("mean", (-60.0, 80.0))
     (binding,) = [binding for binding in config.bindings("log") if binding.id == "living/setpoint"]
     assert (binding.unit, binding.usual) == ("degC", (5.0, 40.0))
+    (told,) = [binding.usual for binding in config.bindings("log") if binding.id == "living/u_heat"]
+    assert told == (-math.inf, math.inf), "whoever gives `valid` has said what is usual"
     assert fingerprint(zone) == fingerprint(without.zones[0]), "what was learned goes on"
     assert "living/setpoint" not in [binding.id for binding in without.bindings("log")]
     assert "  setpoint [degC]: mean of Bedroom [K] from log" in summary(config)
