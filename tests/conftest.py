@@ -11,11 +11,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import HealthCheck, settings
 from support import postgres
 
 from service.daemon.process import prepare_process
 
 prepare_process()
+
+# No test depends on how fast the machine is.
+settings.register_profile("tests", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("tests")
 
 if TYPE_CHECKING:
     from support.shards import Shards
