@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from bacpypes3.apdu import (
     AbortPDU,
-    ErrorPDU,
     ErrorRejectAbortNack,
-    IAmRequest,
     ReadPropertyMultipleRequest,
     ReadPropertyRequest,
     RejectPDU,
@@ -24,12 +23,12 @@ from bacpypes3.pdu import Address, IPv4Address
 from bacpypes3.primitivedata import ObjectIdentifier
 
 from adapters.bacnet.config import BacnetConfig
-from adapters.bacnet.objects import DEVICE, MAX_APDU, SERVICES_SUPPORTED, ObjectId, Property
-from adapters.bacnet.stack import Stack
+from adapters.bacnet.objects import DEVICE, MAX_APDU, SERVICES_SUPPORTED, ObjectId
+from adapters.bacnet.stack import ReadingApplication
 from adapters.bacnet.values import Unreadable, Value, bits, whole
 from adapters.errors import SourceUnavailable
 
-_SMALLEST_APDU = 50
+_SMALLEST_APDU, _HEADER_OCTETS = 50, 16
 _NO_RESPONSE = 65
 _ABORTS_OF_LENGTH = {1, 4, 11}
 """Reasons of aborts that a shorter answer would not have had: buffer overflow, no segmentation, APDU too long."""
@@ -56,36 +55,35 @@ class TooLong(Refused):
 
 
 class Found(NamedTuple):
-    """A device that has told who it is: its instance, where it is, and the number of its maker."""
+    """A device that has told who it is: its instance and where it is."""
 
     instance: int
     address: Any
-    vendor: int
 
 
-class Device(NamedTuple):
+@dataclass
+class Device:
     """What has to be known of a device to talk to it: octets that an answer may have, and what it offers."""
 
     instance: int
     address: Any
-    longest: int
-    multiple: bool
-    subscriptions: bool
+    longest: int = _SMALLEST_APDU
+    multiple: bool = False
+    subscriptions: bool = False
 
 
 class Notification(NamedTuple):
     """What a device tells about an object of its own accord."""
 
     address: Any
-    process: int
     object: ObjectId
     values: dict[int, Value]
 
 
 class Answer(NamedTuple):
-    """Values by property, or why there is none; and when they came, UTC s."""
+    """The values of an object by property, or why there is none; and when they came, UTC s."""
 
-    values: dict[Property, Value | Refused]
+    values: Mapping[int, Value | Refused]
     time: float
 
 
@@ -95,59 +93,47 @@ class BacnetLink:
     def __init__(self, network: BacnetConfig, note: Callable[[str], None], *, beside: bool = False) -> None:
         """`note` takes the kind of whatever comes and cannot be used. `beside`: work from another port where a program
         of this machine, such as the daemon, has the one of `network`."""
-        self._beside = beside
-        self._network, self._note = network, note
-        interface = network.interface if "/" in network.interface else f"{network.interface}/32"
-        address = IPv4Address(f"{interface}:{network.port}")
-        self._stack = Stack(address, network.timeout, network.retries, note, foreign=network.bbmd is not None)
-        self._request: Callable[[Any], Any] = self._stack.application.request
-        self._who_is: Callable[..., Any] = self._stack.application.who_is
+        self._network, self._note, self._beside = network, note, beside
+        self._application: Any = ReadingApplication(network, note)
 
     async def open(self) -> None:
         """Open the port, and register with the BBMD if there is one. Raises SourceUnavailable with the remedy."""
+        network = self._network
         try:
-            await self._stack.datagrams.open(broadcasts=self._network.bbmd is None, beside=self._beside)
+            await self._application.datagrams.open(broadcasts=network.bbmd is None, beside=self._beside)
         except OSError as error:
             raise SourceUnavailable(
-                f"{self._network.interface} port {self._network.port} cannot be used ({error.strerror or error}); "
+                f"{network.interface} port {network.port} cannot be used ({error.strerror or error}); "
                 "check that interface is an address of this machine, and that no other BACnet program has the port"
             ) from error
-        if self._network.bbmd is not None:
-            await self._register(self._network.bbmd)
-
-    async def _register(self, bbmd: str) -> None:
-        foreign = self._stack.foreign
-        assert foreign is not None
-        foreign.register(IPv4Address(bbmd), max(round(self._network.ttl), 1))
-        end = time.monotonic() + self._network.timeout * (1 + self._network.retries)
+        if network.bbmd is None:
+            return
+        foreign = self._application.foreign
+        foreign.register(IPv4Address(network.bbmd), max(round(network.ttl), 1))
+        end = time.monotonic() + network.timeout * (1 + network.retries)
         while foreign.bbmdRegistrationStatus < 0 and time.monotonic() < end:
             await asyncio.sleep(_LOOK)
         if foreign.bbmdRegistrationStatus != 0:
             what = "does not answer" if foreign.bbmdRegistrationStatus < 0 else "refuses to register foreign devices"
-            raise SourceUnavailable(f"the BBMD {bbmd} {what}; check bbmd, and that it accepts foreign devices")
+            raise SourceUnavailable(f"the BBMD {network.bbmd} {what}; check bbmd, and that it accepts foreign devices")
 
     def listen(self, heard: Callable[[Notification], None]) -> None:
         """Let `heard` know what subscriptions bring."""
 
         def notified(apdu: UnconfirmedCOVNotificationRequest) -> None:
-            identifier = apdu.monitoredObjectIdentifier
-            values = {int(item.propertyIdentifier): _value(item.value) for item in apdu.listOfValues}
-            object = ObjectId(int(identifier[0]), int(identifier[1]))
-            heard(Notification(apdu.pduSource, int(apdu.subscriberProcessIdentifier), object, values))
-
-        def counted(apdu: UnconfirmedCOVNotificationRequest) -> None:
             try:
-                notified(apdu)
+                values = {int(item.propertyIdentifier): _value(item.value) for item in apdu.listOfValues}
+                heard(Notification(apdu.pduSource, _object(apdu.monitoredObjectIdentifier), values))
             except (Unreadable, TypeError, ValueError):
                 self._note("notification")
 
-        self._stack.application.on_notification = counted
+        self._application.on_notification = notified
 
     async def who_is(self, seconds: float, lowest: int | None = None, highest: int | None = None) -> list[Found]:
         """The devices with instances from `lowest` to `highest` that answer within `seconds`; at once if one is asked
         for."""
-        answers: list[IAmRequest] = await self._who_is(lowest, highest, timeout=seconds)
-        return [_found(answer) for answer in answers]
+        answers = await self._application.who_is(lowest, highest, timeout=seconds)
+        return [Found(int(answer.iAmDeviceIdentifier[1]), answer.pduSource) for answer in answers]
 
     async def find(self, instance: int, address: Any = None) -> Device:
         """The device `instance`, at `address` (as people write it, or of a Found) or wherever it is. Raises NoAnswer or
@@ -156,25 +142,18 @@ class BacnetLink:
             where = Address(address if ":" in address else f"{address}:{self._network.port}")
         else:
             where = address or await self._locate(instance)
-        device = ObjectId(DEVICE, instance)
-        known = Device(instance, where, _SMALLEST_APDU, False, False)
+        device, itself = Device(instance, where), ObjectId(DEVICE, instance)
         try:
-            longest = whole(await self.read_one(known, Property(device, MAX_APDU)))
-            services = bits(await self.read_one(known, Property(device, SERVICES_SUPPORTED)))
+            longest = whole(await self.read_one(device, itself, MAX_APDU))
+            services = bits(await self.read_one(device, itself, SERVICES_SUPPORTED))
         except Refused as error:
             raise Refused(f"{where} is not device {instance}: {error}") from error
         except Unreadable as error:
             raise Refused(f"what {where} says of itself {error}") from error
         services += [False] * (_READ_PROPERTY_MULTIPLE + 1 - len(services))
-        return known._replace(
-            longest=min(max(longest, _SMALLEST_APDU), self._longest),
-            multiple=services[_READ_PROPERTY_MULTIPLE],
-            subscriptions=services[_SUBSCRIBE_COV],
-        )
-
-    @property
-    def _longest(self) -> int:
-        return int(self._stack.application.asap.device_object.maxApduLengthAccepted)
+        ours = int(self._application.asap.device_object.maxApduLengthAccepted)
+        longest = min(max(longest, _SMALLEST_APDU), ours)
+        return Device(instance, where, longest, services[_READ_PROPERTY_MULTIPLE], services[_SUBSCRIBE_COV])
 
     async def _locate(self, instance: int) -> Any:
         for _ in range(1 + self._network.retries):
@@ -183,18 +162,18 @@ class BacnetLink:
                 return found[0].address
         raise NoAnswer(f"no device {instance} answers within {self._network.timeout:g} s")
 
-    async def read_one(self, device: Device, what: Property, index: int | None = None) -> Value:
-        """The property `what`, or its element `index` (0: how many there are). Raises NoAnswer or Refused."""
-        values = await self.read_list(device, what, index)
+    async def read_one(self, device: Device, object: ObjectId, property: int, index: int | None = None) -> Value:
+        """A property, or its element `index` (0: how many there are). Raises NoAnswer or Refused."""
+        values = await self.read_list(device, object, property, index)
         if len(values) != 1:
             raise Refused("it answers with something else")
         return values[0]
 
-    async def read_list(self, device: Device, what: Property, index: int | None = None) -> list[Value]:
-        """The values of the list or array `what`, or its element `index`. Raises NoAnswer or Refused."""
+    async def read_list(self, device: Device, object: ObjectId, property: int, index: int | None = None) -> list[Value]:
+        """The values of a list or array, or its element `index`. Raises NoAnswer or Refused."""
         request = ReadPropertyRequest(
-            objectIdentifier=ObjectIdentifier(what.object),
-            propertyIdentifier=PropertyIdentifier(what.property),
+            objectIdentifier=ObjectIdentifier(object),
+            propertyIdentifier=PropertyIdentifier(property),
             destination=device.address,
         )
         if index is not None:
@@ -205,31 +184,66 @@ class BacnetLink:
         except (Unreadable, AttributeError) as error:
             raise Refused("it answers with something else") from error
 
-    async def read(self, device: Device, wanted: Sequence[Property]) -> Answer:
-        """The properties `wanted` in one request, all of which one answer has to hold. Raises NoAnswer or Refused."""
-        request = ReadPropertyMultipleRequest(
-            listOfReadAccessSpecs=SequenceOf(ReadAccessSpecification)(
-                [
-                    ReadAccessSpecification(
-                        objectIdentifier=ObjectIdentifier(object),
-                        listOfPropertyReferences=[
-                            PropertyReference(propertyIdentifier=PropertyIdentifier(item.property))
-                            for item in wanted
-                            if item.object == object
-                        ],
-                    )
-                    for object in dict.fromkeys(item.object for item in wanted)
-                ]
-            ),
-            destination=device.address,
+    async def ask(
+        self, device: Device, objects: Sequence[ObjectId], properties: Sequence[int], octets: int
+    ) -> dict[ObjectId, Answer]:
+        """`properties` of every one of `objects`, in as few requests as it takes, and in as many as `device` needs;
+        those of one object take `octets` in an answer at most. Raises NoAnswer."""
+        answers: dict[ObjectId, Answer] = {}
+        begin = 0
+        while begin < len(objects):
+            together = objects[begin : begin + max((device.longest - _HEADER_OCTETS) // octets, 1)]
+            begin += len(together)
+            answers |= await self._together(device, together, properties, octets)
+        return answers
+
+    async def _together(
+        self, device: Device, objects: Sequence[ObjectId], properties: Sequence[int], octets: int
+    ) -> dict[ObjectId, Answer]:
+        if device.multiple:
+            try:
+                return await self._multiple(device, objects, properties)
+            except Refused as error:
+                middle = len(objects) // 2
+                if middle:
+                    # Too long, or one of them spoils it for all.
+                    if isinstance(error, TooLong):
+                        device.longest = min(device.longest, _HEADER_OCTETS + middle * octets)
+                    first = await self._together(device, objects[:middle], properties, octets)
+                    return first | await self._together(device, objects[middle:], properties, octets)
+        answers = {}
+        for object in objects:
+            values: dict[int, Value | Refused] = {}
+            for property in properties:
+                try:
+                    values[property] = await self.read_one(device, object, property)
+                except Refused as error:
+                    values[property] = error
+            answers[object] = Answer(values, time.time())
+        return answers
+
+    async def _multiple(
+        self, device: Device, objects: Sequence[ObjectId], properties: Sequence[int]
+    ) -> dict[ObjectId, Answer]:
+        """The same in one request, all of which one answer has to hold. Raises NoAnswer or Refused."""
+        references = [PropertyReference(propertyIdentifier=PropertyIdentifier(property)) for property in properties]
+        wanted = [
+            ReadAccessSpecification(objectIdentifier=ObjectIdentifier(object), listOfPropertyReferences=references)
+            for object in objects
+        ]
+        response = await self._answer(
+            ReadPropertyMultipleRequest(
+                listOfReadAccessSpecs=SequenceOf(ReadAccessSpecification)(wanted), destination=device.address
+            )
         )
-        response = await self._answer(request)
         arrived = time.time()
         try:
-            return Answer(_results(response), arrived)
+            found = _results(response)
         except (AttributeError, TypeError, ValueError) as error:
             self._note("apdu")
             raise Refused("it answers with something else") from error
+        missing = dict.fromkeys(properties, Refused("it is not in the answer"))
+        return {object: Answer(missing | found.get(object, {}), arrived) for object in objects}
 
     async def subscribe(self, device: Device, object: ObjectId, process: int, lifetime: float) -> None:
         """Be told of changes of `object` for `lifetime` s. Raises NoAnswer or Refused."""
@@ -245,52 +259,49 @@ class BacnetLink:
 
     async def close(self) -> None:
         """Close the port; safe to call twice."""
-        await self._stack.close()
+        await self._application.end()
 
     async def _answer(self, request: Any) -> Any:
-        network = self._network
+        timeout, silence = self._network.timeout, f"no answer from {request.pduDestination} within"
         try:
             # The library gives up by itself, but for what it loses on the way.
-            async with asyncio.timeout(network.timeout * (1 + network.retries) + 1.0):
-                return await self._request(request)
+            async with asyncio.timeout(timeout * (1 + self._network.retries) + 1.0):
+                return await self._application.request(request)
         except TimeoutError:
-            raise NoAnswer(f"no answer from {request.pduDestination} within {network.timeout:g} s") from None
+            raise NoAnswer(f"{silence} {timeout:g} s") from None
         except ErrorRejectAbortNack as error:
-            raise _translated(error, request.pduDestination, network.timeout) from None
+            if isinstance(error, AbortPDU) and error.apduAbortRejectReason == _NO_RESPONSE:
+                raise NoAnswer(f"{silence} {timeout:g} s") from None
+            raise _refusal(error) from None
 
 
-def _translated(error: ErrorRejectAbortNack, address: Any, timeout: float) -> NoAnswer | Refused:
+def _refusal(error: ErrorRejectAbortNack) -> Refused:
     if isinstance(error, AbortPDU):
-        if error.apduAbortRejectReason == _NO_RESPONSE:
-            return NoAnswer(f"no answer from {address} within {timeout:g} s")
         text = f"abort {error.apduAbortRejectReason}"
         return TooLong(text) if int(error.apduAbortRejectReason) in _ABORTS_OF_LENGTH else Refused(text)
     if isinstance(error, RejectPDU):
         return Refused(f"reject {error.apduAbortRejectReason}")
-    assert isinstance(error, ErrorPDU)
     return Refused(f"{getattr(error, 'errorClass', '?')} error {getattr(error, 'errorCode', '?')}")
 
 
-def _found(answer: IAmRequest) -> Found:
-    return Found(int(answer.iAmDeviceIdentifier[1]), answer.pduSource, int(answer.vendorID))
+def _object(identifier: Any) -> ObjectId:
+    return ObjectId(int(identifier[0]), int(identifier[1]))
 
 
-def _results(response: Any) -> dict[Property, Value | Refused]:
-    values: dict[Property, Value | Refused] = {}
+def _results(response: Any) -> dict[ObjectId, dict[int, Value | Refused]]:
+    found: dict[ObjectId, dict[int, Value | Refused]] = {}
     for result in response.listOfReadAccessResults:
-        identifier = result.objectIdentifier
-        object = ObjectId(int(identifier[0]), int(identifier[1]))
+        values = found.setdefault(_object(result.objectIdentifier), {})
         for element in result.listOfResults or ():
-            error = element.readResult.propertyAccessError
-            what = Property(object, int(element.propertyIdentifier))
+            error, property = element.readResult.propertyAccessError, int(element.propertyIdentifier)
             if error is not None:
-                values[what] = Refused(f"{error.errorClass} error {error.errorCode}")
+                values[property] = Refused(f"{error.errorClass} error {error.errorCode}")
                 continue
             try:
-                values[what] = _value(element.readResult.propertyValue)
+                values[property] = _value(element.readResult.propertyValue)
             except Unreadable as unreadable:
-                values[what] = Refused(f"it {unreadable}")
-    return values
+                values[property] = Refused(f"it {unreadable}")
+    return found
 
 
 def _value(value: Any) -> Value:

@@ -51,13 +51,6 @@ class ObjectId(NamedTuple):
         return f"{_NAMES.get(self.type, self.type)},{self.instance}"
 
 
-class Property(NamedTuple):
-    """A property of an object."""
-
-    object: ObjectId
-    property: int
-
-
 def parse_object(text: str) -> ObjectId:
     """The object that `text` names, such as "analog-input,3". Raises ValueError with one sentence."""
     name, separator, number = text.replace(":", ",", 1).partition(",")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from adapters.bacnet.asking import Asking
 from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Refused
 from adapters.bacnet.objects import (
     DEVICE,
@@ -15,7 +14,6 @@ from adapters.bacnet.objects import (
     STATUS_FLAGS,
     UNITS,
     ObjectId,
-    Property,
     is_numeric,
 )
 from adapters.bacnet.units import unit_of
@@ -58,35 +56,29 @@ async def _rows(link: BacnetLink, device: Device, remarks: list[str]) -> list[tu
     objects = [object for object in await _objects(link, device, remarks) if is_numeric(object)]
     if not objects:
         remarks.append(f"device {device.instance} ({device.address}) has no object whose value is a number")
-    answers = await Asking(link, device, _OCTETS).ask(objects, (OBJECT_NAME, PRESENT_VALUE, UNITS, STATUS_FLAGS))
-    values = {what: value for answer in answers for what, value in answer.values.items()}
-
-    def cell(object: ObjectId, kind: int) -> Value | None:
-        value = values.get(Property(object, kind))
-        return None if isinstance(value, Refused) else value
-
+    answers = await link.ask(device, objects, (OBJECT_NAME, PRESENT_VALUE, UNITS, STATUS_FLAGS), _OCTETS)
     return [
         (
             str(device.instance),
             str(device.address),
             str(object),
-            _shown(text, cell(object, OBJECT_NAME)),
-            _shown(_value, cell(object, PRESENT_VALUE)),
-            _shown(_unit, cell(object, UNITS)),
-            _shown(_status, cell(object, STATUS_FLAGS)),
+            _shown(text, answer.values[OBJECT_NAME]),
+            _shown(_value, answer.values[PRESENT_VALUE]),
+            _shown(_unit, answer.values[UNITS]),
+            _shown(_status, answer.values[STATUS_FLAGS]),
         )
-        for object in objects
+        for object, answer in answers.items()
     ]
 
 
 async def _objects(link: BacnetLink, device: Device, remarks: list[str]) -> list[ObjectId]:
     """The object list of a device, at once or, where that is too long, one by one."""
-    what = Property(ObjectId(DEVICE, device.instance), OBJECT_LIST)
+    what = ObjectId(DEVICE, device.instance), OBJECT_LIST
     try:
-        listed = await link.read_list(device, what)
+        listed = await link.read_list(device, *what)
     except Refused:
-        count = min(whole(await link.read_one(device, what, 0)), MOST_OBJECTS + 1)
-        listed = [await link.read_one(device, what, index) for index in range(1, count + 1)]
+        count = min(whole(await link.read_one(device, *what, 0)), MOST_OBJECTS + 1)
+        listed = [await link.read_one(device, *what, index) for index in range(1, count + 1)]
     if len(listed) > MOST_OBJECTS:
         remarks.append(f"device {device.instance} has more than {MOST_OBJECTS} objects; the first were looked at")
     try:
@@ -95,8 +87,8 @@ async def _objects(link: BacnetLink, device: Device, remarks: list[str]) -> list
         raise Refused(f"its list of objects {error}") from error
 
 
-def _shown(read: Callable[[Value], object], value: Value | None) -> str:
-    if value is None:
+def _shown(read: Callable[[Value], object], value: Value | Refused) -> str:
+    if isinstance(value, Refused):
         return "-"
     try:
         return str(read(value))

@@ -7,17 +7,16 @@ import logging
 import math
 import time
 import zlib
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
-from adapters.bacnet.asking import Asking
 from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Notification, Refused
 from adapters.bacnet.config import BacnetConfig
-from adapters.bacnet.objects import DEVICE, PRESENT_VALUE, SERVICES_SUPPORTED, STATUS_FLAGS, UNITS, ObjectId, Property
+from adapters.bacnet.objects import DEVICE, PRESENT_VALUE, SERVICES_SUPPORTED, STATUS_FLAGS, UNITS, ObjectId
 from adapters.bacnet.points import BacnetChannel, Seen, addresses, judged
-from adapters.bacnet.values import Unreadable, whole
+from adapters.bacnet.values import known, whole
 from adapters.reading import Batch, Fault, Reading
 from adapters.rhythm import Rhythm
 from adapters.watched import Channels
@@ -41,11 +40,20 @@ _OBJECT_OCTETS = 34
 _log = logging.getLogger(__name__)
 
 
-class _Kept(NamedTuple):
-    """What was last seen of an object, and when it was read (monotonic s; -inf: only told of)."""
+@dataclass
+class Followed:
+    """An object that has channels: what was last seen of it, and when that was read (monotonic s).
 
-    seen: Seen
-    read: float
+    `renew` is when its subscription is to be renewed (monotonic s), None without one. `refused` and `not_offered`: it,
+    or a subscription to it, is not asked for until the next refresh.
+    """
+
+    seen: Seen | None = None
+    units: int | None = None
+    read: float = -math.inf
+    renew: float | None = None
+    refused: bool = False
+    not_offered: bool = False
 
 
 class Session:
@@ -63,23 +71,16 @@ class Session:
         self.silent: bool | None = None
         self.reason = ""
         """Why it is silent."""
+        self.objects: dict[ObjectId, Followed] = {}
+        self.rhythm = Rhythm(f"sources.{source} device {device}", table.poll)
         self._source, self._instance, self._link = source, device, link
         self._channels, self._table, self._deliver = channels, table, deliver
         self._process = zlib.crc32(source.encode()) % LARGEST_PROCESS + 1
         """The number of its subscriptions."""
-        self.rhythm = Rhythm(f"sources.{source} device {device}", table.poll)
         self._device: Device | None = None
         self._at: str | None = None
         """The address that the device was given last, if any."""
-        self._asking: Asking | None = None
         self._refresh = 0.0
-        self._units: dict[ObjectId, int] = {}
-        self._kept: dict[ObjectId, _Kept] = {}
-        self._refused: set[ObjectId] = set()
-        """Objects that the device did not give away, until they are asked for again."""
-        self._subscribed: dict[ObjectId, float] = {}
-        """Objects with a subscription, and when it is to be renewed (monotonic s)."""
-        self._not_offered: set[ObjectId] = set()
 
     async def follow(self, phase: float) -> None:
         """Ask for ever, `phase` s after the first time for the second, so that not all devices answer at once; never
@@ -110,18 +111,15 @@ class Session:
         """Take in what a device tells; whether it was this one, and asked to."""
         if self._device is None or notification.address != self._device.address:
             return False
-        value = notification.values.get(PRESENT_VALUE)
-        if notification.object not in self._subscribed or value is None:
+        followed, value = self.objects.get(notification.object), notification.values.get(PRESENT_VALUE)
+        if followed is None or followed.renew is None or value is None:
             return False
-        before = self._kept.get(notification.object)
-        flags = notification.values.get(STATUS_FLAGS, before.seen.flags if before else None)
-        seen = Seen(value, flags, self._units.get(notification.object))
-        self._kept[notification.object] = _Kept(seen, before.read if before else float("-inf"))
+        before = None if followed.seen is None else followed.seen.flags
+        followed.seen = Seen(value, notification.values.get(STATUS_FLAGS, before), followed.units)
         return True
 
-    def _objects(self) -> list[ObjectId]:
-        """The objects of the device that have channels."""
-        return [object for device, object in self._channels.points if device == self._instance]
+    def _point(self, object: ObjectId) -> tuple[int, ObjectId]:
+        return self._instance, object
 
     def _address(self) -> str | None:
         """Where the channels say that the device is."""
@@ -129,114 +127,92 @@ class Session:
 
     async def _look(self) -> None:
         """Bring one reading of every channel."""
-        if self._device is None or self._asking is None:
+        wanted = [object for device, object in self._channels.points if device == self._instance]
+        self.objects = {object: self.objects.get(object) or Followed() for object in wanted}
+        if self._device is None:
             self._at = self._address()
             self._device = await self._link.find(self._instance, self._at)
-            self._asking = Asking(self._link, self._device, _OBJECT_OCTETS)
-            self._subscribed.clear()
+            for followed in self.objects.values():
+                followed.renew = None
+        device = self._device
         if time.monotonic() >= self._refresh:
-            await self._read_units(self._asking)
-            self._refused.clear()
-            self._not_offered.clear()
+            await self._read_units(device)
         now = time.monotonic()
-        objects = [object for object in self._objects() if object not in self._refused]
-        to_read = [
-            object
-            for object in objects
-            if object not in self._subscribed or now >= self._kept[object].read + max(CONFIRM, self._table.poll)
-        ]
-        if objects and not to_read:
+        asked = {object: followed for object, followed in self.objects.items() if not followed.refused}
+        confirm = now - max(CONFIRM, self._table.poll)
+        to_read = [object for object, one in asked.items() if one.renew is None or one.read <= confirm]
+        if asked and not to_read:
             # What was told counts while the device answers.
             with suppress(Refused):
-                await self._link.read_one(self._device, Property(ObjectId(DEVICE, self._instance), SERVICES_SUPPORTED))
-        when: dict[ObjectId, float] = {}
-        for answered, found in await self._read(self._asking, to_read):
-            when |= dict.fromkeys(found, answered)
+                await self._link.read_one(device, ObjectId(DEVICE, self._instance), SERVICES_SUPPORTED)
+        when = await self._read(device, to_read)
         told = time.time()
         readings: list[Reading] = []
-        for object in objects:
-            if object in self._refused:
-                readings += self._channels.bad((self._instance, object), Fault.REFUSED_BY_DEVICE)
-            elif object in self._kept:
-                seen = self._kept[object].seen
-                point, judge = (self._instance, object), partial(judged, seen=seen)
+        for object, followed in asked.items():
+            point, seen = self._point(object), followed.seen
+            if followed.refused:
+                readings += self._channels.bad(point, Fault.REFUSED_BY_DEVICE)
+            elif seen is not None:
+                judge = partial(judged, seen=seen)
                 readings += self._channels.readings(point, judge, when.get(object, told), seen.value)
         if readings:
             await self._deliver(Batch(readings, max((told, *when.values()))))
-        await self._subscribe(self._device)
+        await self._subscribe(device)
 
-    async def _read_units(self, asking: Asking) -> None:
-        """Ask for the units of every object; those that have none are of no concern."""
-        for answer in await asking.ask(self._objects(), (UNITS,)):
-            for what, value in answer.values.items():
-                self._units.pop(what.object, None)
-                if not isinstance(value, Refused):
-                    try:
-                        self._units[what.object] = whole(value)
-                    except Unreadable:
-                        continue
-        for object, kept in self._kept.items():
-            self._kept[object] = kept._replace(seen=kept.seen._replace(units=self._units.get(object)))
+    async def _read_units(self, device: Device) -> None:
+        """Ask for the units of every object; those that have none are of no concern. What was refused is forgotten."""
+        for object, answer in (await self._link.ask(device, [*self.objects], (UNITS,), _OBJECT_OCTETS)).items():
+            followed = self.objects[object]
+            followed.units = known(whole, answer.values[UNITS])
+            followed.refused = followed.not_offered = False
+            if followed.seen is not None:
+                followed.seen = followed.seen._replace(units=followed.units)
         self._refresh = time.monotonic() + REFRESH
+
+    async def _read(self, device: Device, objects: list[ObjectId]) -> dict[ObjectId, float]:
+        """Read the present values of `objects`; of which there now is one, and since when (UTC s)."""
+        when: dict[ObjectId, float] = {}
+        answers = await self._link.ask(device, objects, (PRESENT_VALUE, STATUS_FLAGS), _OBJECT_OCTETS)
+        for object, answer in answers.items():
+            followed, point = self.objects[object], self._point(object)
+            value, flags = answer.values[PRESENT_VALUE], answer.values[STATUS_FLAGS]
+            if isinstance(value, Refused):
+                followed.refused = True
+                self._channels.note_refusal(point, str(value), f"every {REFRESH / 60:.0f} min")
+                continue
+            followed.seen = Seen(value, None if isinstance(flags, Refused) else flags, followed.units)
+            followed.read = time.monotonic()
+            self._channels.note_value(point)
+            when[object] = answer.time
+        return when
 
     async def _subscribe(self, device: Device) -> None:
         """Subscribe to what can be subscribed to, and renew what is due; a part of it, so that readings do not wait."""
         lifetime, poll = self._table.lifetime, self._table.poll
         if not device.subscriptions or poll >= CONFIRM:
             return
-        objects = self._objects()
-        left = max(_SUBSCRIBED_AT_ONCE, math.ceil(len(objects) * poll / (lifetime / 4)))
-        allowed = {object for object in objects if all(one.cov for one in self._channels.at((self._instance, object)))}
-        self._subscribed = {object: due for object, due in self._subscribed.items() if object in allowed}
-        before = len(self._not_offered)
-        for object in objects:
-            due = self._subscribed.get(object, 0.0)
-            left_out = object in self._refused or object in self._not_offered or object not in self._kept
-            if left_out or time.monotonic() < due or object not in allowed:
+        left = max(_SUBSCRIBED_AT_ONCE, math.ceil(len(self.objects) * poll / (lifetime / 4)))
+        for object, followed in self.objects.items():
+            if not all(one.cov for one in self._channels.at(self._point(object))):
+                followed.renew = None
                 continue
-            if not left:
-                break
+            due = followed.renew is None or time.monotonic() >= followed.renew
+            if not (left and due) or followed.refused or followed.not_offered or followed.seen is None:
+                continue
             left -= 1
             try:
                 await self._link.subscribe(device, object, self._process, lifetime)
+                followed.renew = time.monotonic() + lifetime / 2
             except Refused as error:
-                self._subscribed.pop(object, None)
-                self._not_offered.add(object)
-                if len(self._not_offered) == 1 and not before:
-                    _log.info(
-                        "sources.%s: device %d offers no subscription to %s (%s); what it does not offer is polled",
-                        self._source,
-                        self._instance,
-                        object,
-                        error,
-                    )
-            else:
-                self._subscribed[object] = time.monotonic() + lifetime / 2
-
-    async def _read(self, asking: Asking, objects: Sequence[ObjectId]) -> list[tuple[float, list[ObjectId]]]:
-        """Read the present values of `objects`; when, and of which there now is one."""
-        found = []
-        for answer in await asking.ask(objects, (PRESENT_VALUE, STATUS_FLAGS)):
-            there = []
-            for object in dict.fromkeys(what.object for what in answer.values):
-                value, flags = (answer.values[Property(object, kind)] for kind in (PRESENT_VALUE, STATUS_FLAGS))
-                if isinstance(value, Refused):
-                    self._refused.add(object)
-                    again = f"every {REFRESH / 60:.0f} min"
-                    self._channels.note_refusal((self._instance, object), str(value), again)
-                    continue
-                seen = Seen(value, None if isinstance(flags, Refused) else flags, self._units.get(object))
-                self._kept[object] = _Kept(seen, time.monotonic())
-                self._channels.note_value((self._instance, object))
-                there.append(object)
-            found.append((answer.time, there))
-        return found
+                if not any(one.not_offered for one in self.objects.values()):
+                    say = "sources.%s: device %d offers no subscription to %s (%s); what it does not offer is polled"
+                    _log.info(say, self._source, self._instance, object, error)
+                followed.renew, followed.not_offered = None, True
 
     def _note_silence(self, reason: str) -> None:
         if not self.silent:
-            _log.warning(
-                "sources.%s: device %d is silent: %s; going on with the others", self._source, self._instance, reason
-            )
+            say = "sources.%s: device %d is silent: %s; going on with the others"
+            _log.warning(say, self._source, self._instance, reason)
         self.silent, self.reason = True, reason
         # It may be somewhere else when it comes back, and has forgotten its subscriptions.
         self._device = None

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import time
 from collections import Counter
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Sequence
+from contextlib import suppress
 from functools import partial
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from adapters.bacnet.config import BacnetConfig
-from adapters.bacnet.objects import COV_INCREMENT, OBJECT_NAME, PRESENT_VALUE, STATUS_FLAGS, UNITS, Property
+from adapters.bacnet.objects import COV_INCREMENT, OBJECT_NAME, PRESENT_VALUE, STATUS_FLAGS, UNITS
 from adapters.bacnet.points import BacnetChannel, Seen, addresses, probed
-from adapters.bacnet.values import Unreadable, Value, number, text, whole
+from adapters.bacnet.values import known, number, text, whole
 from adapters.channel import Binding
 from adapters.errors import SourceUnavailable
 from adapters.reading import Batch, Probe
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _ROOM = 1000
 _LOOK = 0.5
 _DEVICES_SHOWN = 8
+_OCTETS = 256
 _COARSE = 0.2
 """A subscription that shows no smaller change than this, in K, hides what a model of a room lives on."""
 
@@ -81,18 +82,19 @@ class BacnetSource(LiveSource):
         async with self._opened(self._made) as link:
             try:
                 link.listen(self._heard)
-                self._follow(link, arrived, tasks)
+                self._rebound = True
                 while True:
-                    batch = await _soon(arrived)
-                    if batch is not None:
-                        yield batch
-                    for task in tasks.values():
-                        if task.done():
-                            task.result()
                     if self._rebound:
                         self._rebound = False
                         self._channels.replace(self._listed)
                         self._follow(link, arrived, tasks)
+                    with suppress(TimeoutError):
+                        async with asyncio.timeout(_LOOK):
+                            batch = await arrived.get()
+                        yield batch
+                    for task in tasks.values():
+                        if task.done():
+                            task.result()
                     sessions = self._sessions.values()
                     if arrived.empty() and sessions and all(session.silent for session in sessions):
                         raise SourceUnavailable(self._nobody())
@@ -181,41 +183,18 @@ class BacnetSource(LiveSource):
             _log.warning(say, self.name, kind, self.malformed[kind])
 
 
-async def _soon(arrived: asyncio.Queue[Batch]) -> Batch | None:
-    try:
-        async with asyncio.timeout(_LOOK):
-            return await arrived.get()
-    except TimeoutError:
-        return None
-
-
 async def _look(link: BacnetLink, device: Device, channel: BacnetChannel) -> Probe:
     """One channel's object. Raises NoAnswer or Refused."""
     from adapters.bacnet.client import Refused
 
-    value = await link.read_one(device, Property(channel.object, PRESENT_VALUE))
-    when = time.time()
-
-    async def other(kind: int) -> Value | None:
-        try:
-            return await link.read_one(device, Property(channel.object, kind))
-        except Refused:
-            return None
-
-    units, name = _read(whole, await other(UNITS)), _read(text, await other(OBJECT_NAME))
-    increment = _read(number, await other(COV_INCREMENT))
+    asked = (PRESENT_VALUE, STATUS_FLAGS, UNITS, OBJECT_NAME, COV_INCREMENT)
+    values, when = (await link.ask(device, [channel.object], asked, _OCTETS))[channel.object]
+    value, flags, units, *others = (values[kind] for kind in asked)
+    if isinstance(value, Refused):
+        raise value
+    name, increment = known(text, others[0]), known(number, others[1])
     hints = [] if name is None else [f'the device calls it "{name}"']
     if increment and channel.cov and channel.is_temperature and channel.edge.change(increment) > _COARSE:
         hints.append(f"its COV increment is {increment:g}: a subscription shows no smaller change; cov = false polls")
-    return probed(channel, Seen(value, await other(STATUS_FLAGS), units), when, hints)
-
-
-_Read = TypeVar("_Read")
-
-
-def _read(read: Callable[[Value], _Read], value: Value | None) -> _Read | None:
-    """What `read` makes of `value`; None where it makes nothing of it."""
-    try:
-        return None if value is None else read(value)
-    except Unreadable:
-        return None
+    seen = Seen(value, None if isinstance(flags, Refused) else flags, known(whole, units))
+    return probed(channel, seen, when, hints)

@@ -40,6 +40,8 @@ from bacpypes3.local.device import DeviceObject
 from bacpypes3.netservice import NetworkServiceAccessPoint, NetworkServiceElement
 from bacpypes3.pdu import PDU, IPv4Address, LocalBroadcast
 
+from adapters.bacnet.config import BacnetConfig
+
 REQUESTS = (WhoIsRequest, ReadPropertyRequest, ReadPropertyMultipleRequest, SubscribeCOVRequest)
 """The only requests that are ever sent: to find devices, to read, and to be told of changes."""
 
@@ -66,22 +68,44 @@ class NotReading(Exception):
     """A request that does more than read; it has not been sent."""
 
 
+def join(application: Any, access_point: Any, link_layer: Any, datagrams: Datagrams) -> None:
+    """Bind the layers of bacpypes3 between `application` and the sockets."""
+    application.asap = access_point
+    application.nsap = NetworkServiceAccessPoint()
+    application.nse = NetworkServiceElement()
+    bind(application.nse, application.nsap)
+    bind(application, application.asap, application.nsap)
+    codec, multiplexer = BVLLCodec(), UDPMultiplexer()
+    bind(link_layer, codec, multiplexer.annexJ)
+    bind(multiplexer, datagrams)
+    application.nsap.bind(link_layer, address=datagrams.address)
+
+
 class ReadingApplication(Application):
     """An application that asks, and answers nothing but that it does not offer what is asked of it."""
 
-    def __init__(self, link_layer: Any, address: IPv4Address, timeout: float, retries: int, note: Note) -> None:
-        """`timeout` (s) for every answer; a request is repeated `retries` times. Needs a running event loop."""
+    def __init__(self, network: BacnetConfig, note: Note) -> None:
+        """For the port and the patience of `network`. Needs a running event loop."""
         super().__init__()
+        self.foreign: BIPForeign | None = BIPForeign() if network.bbmd is not None else None
+        """What registers with a BBMD, through which broadcasts go then."""
+        interface = network.interface if "/" in network.interface else f"{network.interface}/32"
+        self.datagrams = Datagrams(IPv4Address(f"{interface}:{network.port}"), note)
         device = DeviceObject(objectIdentifier=("device", 4194303), objectName="thermogate", vendorIdentifier=999)
-        self.asap = _AccessPoint(device, self.device_info_cache, note)
-        device.apduTimeout = round(timeout * 1000)
-        device.numberOfApduRetries = retries
-        self.nsap = NetworkServiceAccessPoint()
-        self.nse = NetworkServiceElement()
-        bind(self.nse, self.nsap)
-        bind(self, self.asap, self.nsap)
-        self.nsap.bind(link_layer, address=address)
+        device.apduTimeout = round(network.timeout * 1000)
+        device.numberOfApduRetries = network.retries
+        access_point = _AccessPoint(device, self.device_info_cache, note)
+        join(self, access_point, self.foreign or BIPNormal(), self.datagrams)
         self.on_notification: Callable[[UnconfirmedCOVNotificationRequest], None] = lambda _: None
+
+    async def end(self) -> None:
+        """Close everything; safe to call twice."""
+        if self.foreign is not None and self.foreign.bbmdRegistrationStatus != -2:
+            self.foreign.unregister()
+            # That it is over is sent by a task of its own.
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
+        await self.datagrams.close()
 
     def request(self, apdu: APDU) -> Any:
         """Send `apdu`; the future of its answer. Raises NotReading."""
@@ -165,7 +189,7 @@ class Datagrams(Server[PDU]):
     """The sockets: one of this machine's own address, one for what is broadcast. Datagrams are taken one by one."""
 
     def __init__(self, address: IPv4Address, note: Note) -> None:
-        self._address, self._note = address, note
+        self.address, self._note = address, note
         self._own: tuple[str, int] = address.addrTuple
         self._transports: list[asyncio.DatagramTransport] = []
         self._waiting: deque[tuple[bytes, tuple[str, int], Any]] = deque()
@@ -179,7 +203,7 @@ class Datagrams(Server[PDU]):
         """Open the sockets, the one for broadcasts if wanted. `beside`: where another program has the port, any free
         one does for what is sent from here. Raises OSError."""
         loop = asyncio.get_running_loop()
-        host, port = self._address.addrTuple
+        host, port = self.address.addrTuple
 
         async def own(port: int) -> asyncio.DatagramTransport:
             transport, _ = await loop.create_datagram_endpoint(
@@ -198,7 +222,7 @@ class Datagrams(Server[PDU]):
         if self.broadcasts:
             # Every BACnet program of this machine listens there.
             transport, _ = await loop.create_datagram_endpoint(
-                lambda: _Receiver(self, LocalBroadcast()), local_addr=self._address.addrBroadcastTuple, reuse_port=True
+                lambda: _Receiver(self, LocalBroadcast()), local_addr=self.address.addrBroadcastTuple, reuse_port=True
             )
             self._transports.append(transport)
         self._taking = asyncio.create_task(self._take())
@@ -232,7 +256,7 @@ class Datagrams(Server[PDU]):
             self._note("not_bacnet")
             return
         try:
-            await self.response(PDU(data, source=IPv4Address(source), destination=destination or self._address))
+            await self.response(PDU(data, source=IPv4Address(source), destination=destination or self.address))
         except Exception:
             # Whatever a decoder of the library stumbles over, the datagram is to blame.
             self._note("frame")
@@ -243,7 +267,7 @@ class Datagrams(Server[PDU]):
         if isinstance(destination, LocalBroadcast):
             if not self.broadcasts:
                 return
-            target = self._address.addrBroadcastTuple
+            target = self.address.addrBroadcastTuple
         else:
             ip = destination if isinstance(destination, IPv4Address) else IPv4Address(destination)
             target = ip.addrTuple
@@ -270,26 +294,3 @@ class _Receiver(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, source: tuple[str, int]) -> None:
         self._datagrams.received(data, source, self._destination)
-
-
-class Stack:
-    """Application, link layer and sockets, from the top down."""
-
-    def __init__(self, address: IPv4Address, timeout: float, retries: int, note: Note, *, foreign: bool) -> None:
-        """`foreign`: broadcasts go through a BBMD, with which one registers. Needs a running event loop."""
-        self.foreign: BIPForeign | None = BIPForeign() if foreign else None
-        link_layer = self.foreign or BIPNormal()
-        codec, multiplexer = BVLLCodec(), UDPMultiplexer()
-        self.datagrams = Datagrams(address, note)
-        bind(link_layer, codec, multiplexer.annexJ)
-        bind(multiplexer, self.datagrams)
-        self.application = ReadingApplication(link_layer, address, timeout, retries, note)
-
-    async def close(self) -> None:
-        """Close everything; safe to call twice."""
-        if self.foreign is not None and self.foreign.bbmdRegistrationStatus != -2:
-            self.foreign.unregister()
-            # That it is over is sent by a task of its own.
-            await asyncio.sleep(0)
-            await asyncio.sleep(0)
-        await self.datagrams.close()

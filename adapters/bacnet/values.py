@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeVar
 
 from adapters.reading import Quality
 
@@ -11,6 +11,8 @@ Value = float | str | Sequence[int]
 """A number, a text, a bit string as a list, an object as (type, instance), or () for BACnet's Null."""
 
 _LONGEST_TEXT = 80
+
+_Read = TypeVar("_Read")
 
 
 class Unreadable(Exception):
@@ -35,6 +37,14 @@ class Flags(NamedTuple):
 
     def __str__(self) -> str:
         return ", ".join(name.replace("_", "-") for name, is_set in self._asdict().items() if is_set)
+
+
+def known(read: Callable[[Value], _Read], value: Value | Exception) -> _Read | None:
+    """What `read` makes of `value`; None where it makes nothing of it, or a device has refused it."""
+    try:
+        return None if isinstance(value, Exception) else read(value)
+    except Unreadable:
+        return None
 
 
 def number(value: Value) -> float | None:

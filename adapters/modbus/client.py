@@ -33,9 +33,9 @@ EXCEPTIONS = {
 }
 """What exception codes mean (Modbus application protocol 1.1b3, 7)."""
 
-_FUNCTION_CODES = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
+FUNCTION_CODES = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
 
-READS = frozenset(_FUNCTION_CODES.values())
+READS = frozenset(FUNCTION_CODES.values())
 """The function codes that are ever sent: coils, discrete inputs, holding registers, input registers."""
 
 _LASTING = {1, 2, 3}
@@ -205,9 +205,9 @@ def _words(response: ModbusPDU, table: str, count: int) -> list[int]:
         if code in _ABOUT_THE_UNIT:
             raise NoAnswer(f"it answers with {meaning}")
         raise Refused(meaning, code in _LASTING)
-    if response.function_code != _FUNCTION_CODES[table]:
+    if response.function_code != FUNCTION_CODES[table]:
         # Registers of another table, or what another client has asked: numbers that look as good as the right ones.
-        raise NoAnswer(f"it answers with function code {response.function_code} instead of {_FUNCTION_CODES[table]}")
+        raise NoAnswer(f"it answers with function code {response.function_code} instead of {FUNCTION_CODES[table]}")
     # Bits come in whole bytes, more of them than were asked for.
     bits = [int(bit) for bit in response.bits[:count]]
     words = list(response.registers) if table in ("holding", "input") else bits

@@ -12,7 +12,7 @@ ORDERS = ("ABCD", "CDAB", "BADC", "DCBA")
 bytes swapped in every word, both. With more or fewer registers the same swaps apply."""
 
 # How `struct` calls the number in bytes that run from the most to the least significant.
-_NUMBERS = {
+NUMBERS = {
     "int16": ">h",
     "uint16": ">H",
     "int32": ">i",
@@ -22,7 +22,14 @@ _NUMBERS = {
     "float32": ">f",
     "float64": ">d",
 }
-TYPES = (*_NUMBERS, "bool")
+REGISTERS_AT_MOST, BITS_AT_MOST = 125, 2000
+"""Registers, or bits, that one answer can hold (Modbus application protocol 1.1b3, 6.1 and 6.3)."""
+
+TABLES = ("holding", "input", "coil", "discrete")
+BIT_TABLES = ("coil", "discrete")
+"""The four tables of a device, and those of bits."""
+
+TYPES = (*NUMBERS, "bool")
 """Every type that a channel can have. A bool is a coil or a discrete input, a bit of a register, or a register that is
 not 0."""
 
@@ -43,7 +50,7 @@ class Format:
     @property
     def registers(self) -> int:
         """How many registers the number fills."""
-        return 1 if self.type == "bool" else struct.calcsize(_NUMBERS[self.type]) // 2
+        return 1 if self.type == "bool" else struct.calcsize(NUMBERS[self.type]) // 2
 
     @property
     def rollover(self) -> float | None:
@@ -56,7 +63,7 @@ def decode(words: Sequence[int], format: Format) -> float:
     if format.type == "bool":
         word = int.from_bytes(_ordered(words, format.order))
         return float(word != 0 if format.bit is None else word >> format.bit & 1)
-    (number,) = struct.unpack(_NUMBERS[format.type], _ordered(words, format.order))
+    (number,) = struct.unpack(NUMBERS[format.type], _ordered(words, format.order))
     return float(number)
 
 
@@ -80,7 +87,7 @@ def other_orders(words: Sequence[int], format: Format) -> dict[str, float]:
 def other_sign(words: Sequence[int], format: Format) -> tuple[str, float] | None:
     """The whole number that `words` would be with a sign, or without, where that is another one; and the type."""
     twin = format.type.removeprefix("u") if format.type.startswith("uint") else f"u{format.type}"
-    if twin not in _NUMBERS or format.type not in _NUMBERS:
+    if twin not in NUMBERS or format.type not in NUMBERS:
         return None
     number = decode(words, Format(twin, format.order))
     return (twin, number) if number != decode(words, format) else None

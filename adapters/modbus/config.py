@@ -12,8 +12,7 @@ from adapters.channel import LiveConfig, WatchedChannelConfig
 from adapters.fields.durations import format_duration
 from adapters.fields.tables import TABLE
 from adapters.fields.values import Duration, Flag, Port, PositiveDuration, Retries, Text, Timeout, choice, number, whole
-from adapters.modbus.codec import ORDERS, TYPES, Format
-from adapters.modbus.plan import REGISTERS_AT_MOST, TABLES, Limits
+from adapters.modbus.codec import BIT_TABLES, ORDERS, REGISTERS_AT_MOST, TABLES, TYPES, Format
 
 TRANSPORTS = ("tcp", "rtu-over-tcp", "rtu")
 
@@ -95,7 +94,7 @@ with warnings.catch_warnings():
         def within(self, table: ModbusConfig) -> Self:
             """With what the source says for all of its channels; ValueError where the result cannot be read."""
             channel = super().within(table)
-            bits = channel.table in ("coil", "discrete")
+            bits = channel.table in BIT_TABLES
             if bits or self.bit is not None:
                 # What the source says of numbers does not concern a single bit.
                 channel = channel.model_copy(update={"type": self.type or "bool"})
@@ -166,11 +165,6 @@ class ModbusConfig(LiveConfig):
     def place(self) -> str:
         """Where it leads to."""
         return self.serial.device if self.serial is not None else f"{self.host}:{self.port}"
-
-    @property
-    def limits(self) -> Limits:
-        """What one request may read."""
-        return Limits(self.batch, self.max_registers, self.fill_gaps)
 
     @property
     def described(self) -> str:

@@ -5,13 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-REGISTERS_AT_MOST = 125
-"""Registers that one answer can hold (Modbus application protocol 1.1b3, 6.3)."""
-
-BITS_AT_MOST = 2000
-
-TABLES = ("holding", "input", "coil", "discrete")
-"""The four tables of a device; the last two are of bits."""
+from adapters.modbus.codec import BIT_TABLES, BITS_AT_MOST
+from adapters.modbus.config import ModbusConfig
 
 
 class Point(NamedTuple):
@@ -33,17 +28,12 @@ class Request(NamedTuple):
     points: tuple[Point, ...]
 
 
-class Limits(NamedTuple):
-    """What a device allows: registers in a request, and registers without a channel that are read for the sake of fewer
-    requests. Of bits it is sixteen times as many. Without `batch` every point has a request of its own."""
+def plan(points: Iterable[Point], limits: ModbusConfig) -> list[Request]:
+    """The requests that read `points`, in the order of unit, table and address; equal points are read once.
 
-    batch: bool = True
-    registers: int = REGISTERS_AT_MOST
-    gap: int = 0
-
-
-def plan(points: Iterable[Point], limits: Limits) -> list[Request]:
-    """The requests that read `points`, in the order of unit, table and address; equal points are read once."""
+    `limits`: registers in a request, and registers without a channel that are read for the sake of fewer requests. Of
+    bits it is sixteen times as many. Without its `batch` every point has a request of its own.
+    """
     requests: list[list[Point]] = []
     for point in sorted(set(points)):
         if requests and limits.batch and _fits(requests[-1], point, limits):
@@ -66,12 +56,12 @@ def halves(request: Request) -> tuple[Request, Request]:
     return spanning(request.points[:middle]), spanning(request.points[middle:])
 
 
-def _fits(members: list[Point], point: Point, limits: Limits) -> bool:
+def _fits(members: list[Point], point: Point, limits: ModbusConfig) -> bool:
     if members[0][:2] != point[:2]:
         return False
-    bits = point.table in ("coil", "discrete")
-    longest = min(BITS_AT_MOST, 16 * limits.registers) if bits else limits.registers
-    gap = 16 * limits.gap if bits else limits.gap
+    bits = point.table in BIT_TABLES
+    longest = min(BITS_AT_MOST, 16 * limits.max_registers) if bits else limits.max_registers
+    gap = 16 * limits.fill_gaps if bits else limits.fill_gaps
     end = _end(members)
     return point.address - end <= gap and max(end, point.address + point.size) - members[0].address <= longest
 

@@ -8,7 +8,7 @@ from functools import partial
 from math import isfinite
 
 from adapters.modbus.client import Answer, ModbusLink, NoAnswer, Refused
-from adapters.modbus.codec import Format, decode, is_available, other_orders, other_sign
+from adapters.modbus.codec import BIT_TABLES, Format, decode, is_available, other_orders, other_sign
 from adapters.modbus.points import ModbusChannel
 from adapters.reading import Probe
 
@@ -64,7 +64,7 @@ async def _look(link: ModbusLink, channel: ModbusChannel, silent: dict[int, str]
 def probed(channel: ModbusChannel, answer: Answer, later: Answer | None = None) -> Probe:
     """What a person should know about the answer for `channel`; a counter has been read a second time `later`."""
     words, edge = answer.words, channel.edge
-    bits = channel.point.table in ("coil", "discrete")
+    bits = channel.point.table in BIT_TABLES
     raw = " ".join(str(word) if bits else f"0x{word:04x}" for word in words)
     layout = channel.format.type if len(words) == 1 else f"{channel.format.type} {channel.format.order}"
     seen = partial(Probe, channel.id, f"{channel.place} {layout}", raw)

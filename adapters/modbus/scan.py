@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from adapters.errors import SourceConfigError
 from adapters.modbus.client import ModbusLink, NoAnswer, Refused
-from adapters.modbus.codec import Format, decode
+from adapters.modbus.codec import BIT_TABLES, Format, decode
 from adapters.modbus.config import ModbusConfig
 from adapters.scanning import Scan, Scanned
 
@@ -19,7 +19,6 @@ MOST_REFUSALS = 200
 
 HEADINGS = ("unit", "table", "register", "hex", "int16", "might be")
 
-_BITS = ("coil", "discrete")
 _FLOATS = ("ABCD", "CDAB")
 _SMALLEST, _LARGEST = 1e-3, 1e7
 _DEFAULT = 100
@@ -47,7 +46,7 @@ async def scan(link: ModbusLink, wanted: Scan, source: ModbusConfig) -> Scanned:
     for one in range(first_unit, last_unit + 1):
         try:
             for table in wanted.tables:
-                looked = _Table(link, one, table, source.max_registers * (16 if table in _BITS else 1))
+                looked = _Table(link, one, table, source.max_registers * (16 if table in BIT_TABLES else 1))
                 await looked.look(begin - first_register, end - begin + 1)
                 rows += _rows(looked, first_register)
                 remarks += looked.remarks()
@@ -102,7 +101,7 @@ def _rows(table: _Table, first_register: int) -> list[tuple[str, ...]]:
             # Long stretches of nothing would hide what there is.
             continue
         register = str(address + first_register)
-        if table.table in _BITS:
+        if table.table in BIT_TABLES:
             rows.append((str(table.unit), table.table, register, "-", str(word), "-"))
             continue
         guesses = ", ".join(_guesses([table.words[k] for k in range(address, address + 4) if k in table.words]))

@@ -115,7 +115,7 @@ class ModbusSource(LiveSource):
             wanted = (
                 one for one in self._channels.points if one not in self._refusals or self._refusals[one].until <= now
             )
-            self._requests = plan(wanted, self._table.limits)
+            self._requests = plan(wanted, self._table)
             untils = (refusal.until for refusal in self._refusals.values() if refusal.until > now)
             self._whole_until = min(untils, default=float("inf"))
         left_alone = {unit for unit, silence in self._silent.items() if silence.until > now}

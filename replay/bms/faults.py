@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Annotated, Any, NamedTuple
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -159,6 +159,10 @@ class FaultBoard:
     def active(self, kind: str, device: str, channel: str | None = None) -> Fault | None:
         """The fault of this kind that acts now on a channel, the newest if there are several."""
         return next(self._acting(kind, device, channel), None)
+
+    def on_request(self, kind: str, device: str, channels: Iterable[str]) -> list[Fault]:
+        """The faults of this kind that act on a request which reads `channels` of the device."""
+        return [fault for channel in (None, *channels) if (fault := self.active(kind, device, channel)) is not None]
 
     def falsified(self, device: str, channel: str, value: float) -> float:
         """What the sensor shows instead of `value`; NaN is "not available"."""

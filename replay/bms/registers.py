@@ -6,19 +6,7 @@ import math
 import struct
 from typing import NamedTuple
 
-TABLES = ("coil", "discrete", "holding", "input")
-BIT_TABLES = ("coil", "discrete")
-
-_FORMATS = {
-    "int16": "h",
-    "uint16": "H",
-    "int32": "i",
-    "uint32": "I",
-    "int64": "q",
-    "uint64": "Q",
-    "float32": "f",
-    "float64": "d",
-}
+from adapters.modbus.codec import NUMBERS, Format
 
 
 class Register(NamedTuple):
@@ -41,7 +29,7 @@ class Register(NamedTuple):
     @property
     def words(self) -> int:
         """Registers that it takes; 1 for a bit, which takes one address of its own table."""
-        return 1 if self.type == "bool" else struct.calcsize(_FORMATS[self.type]) // 2
+        return Format(self.type).registers
 
     @property
     def can_be_unavailable(self) -> bool:
@@ -63,7 +51,7 @@ def encode(register: Register, value: float, *, swapped: bool = False) -> list[i
     raw: float = value / register.scale
     if not register.type.startswith("float"):
         raw = _integer(register, raw)
-    packed = struct.pack(f">{_FORMATS[register.type]}", raw)
+    packed = struct.pack(NUMBERS[register.type], raw)
     byte_order = "little" if register.order in ("BADC", "DCBA") else "big"
     words = [int.from_bytes(packed[i : i + 2], byte_order) for i in range(0, len(packed), 2)]  # type: ignore[arg-type]
     reverse = (register.order in ("CDAB", "DCBA")) != swapped

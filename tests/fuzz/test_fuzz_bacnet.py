@@ -16,7 +16,7 @@ from fuzz.fuzzing import raw
 from support.sources import bound, source_table
 
 from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Notification, Refused, decoded
-from adapters.bacnet.objects import PRESENT_VALUE, STATUS_FLAGS, ObjectId, Property, parse_object
+from adapters.bacnet.objects import PRESENT_VALUE, STATUS_FLAGS, ObjectId, parse_object
 from adapters.bacnet.points import BacnetChannel, Seen, judged, probed
 from adapters.bacnet.units import unit_of
 from adapters.bacnet.values import Unreadable, bits, flags, number, object_id, text, whole
@@ -66,33 +66,33 @@ async def exchange(datagrams: list[bytes]) -> None:
         malformed[kind] += 1
 
     link = BacnetLink(TABLE, note)
-    link._stack.datagrams._transports = [Unsent()]  # type: ignore[list-item]
+    link._application.datagrams._transports = [Unsent()]  # type: ignore[list-item]
     told: list[Notification] = []
     link.listen(told.append)
     device = Device(1201, IPv4Address(PEER), 480, True, True)
-    wanted = [Property(OBJECT, PRESENT_VALUE), Property(OBJECT, STATUS_FLAGS)]
-    asking = asyncio.create_task(link.read(device, wanted))
+    wanted = (PRESENT_VALUE, STATUS_FLAGS)
+    asking = asyncio.create_task(link.ask(device, [OBJECT], wanted, 34))
     for _ in range(3):
         await asyncio.sleep(0)
     for datagram in datagrams:
-        await link._stack.datagrams.accept(datagram, PEER)
+        await link._application.datagrams.accept(datagram, PEER)
         await asyncio.sleep(0)
     assert malformed.keys() <= KINDS, malformed
     seen = [Seen(told_of.values[PRESENT_VALUE]) for told_of in told if PRESENT_VALUE in told_of.values]
     if asking.done():
         try:
-            values = asking.result().values
-            value, state = (values.get(what) for what in wanted)
-            if value is not None and not isinstance(value, Refused):
+            values = asking.result()[OBJECT].values
+            value, state = (values[what] for what in wanted)
+            if not isinstance(value, Refused):
                 seen.append(Seen(value, None if isinstance(state, Refused) else state))
         except (Refused, NoAnswer) as error:
             assert str(error).isprintable()
     else:
         asking.cancel()
     await asyncio.gather(asking, return_exceptions=True)
-    for tr in list(link._stack.application.asap.clientTransactions):
+    for tr in list(link._application.asap.clientTransactions):
         tr.stop_timer()
-    for tr in list(link._stack.application.asap.serverTransactions):
+    for tr in list(link._application.asap.serverTransactions):
         tr.stop_timer()
     await link.close()
     for one in seen:

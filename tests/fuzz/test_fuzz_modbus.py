@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from support.sources import bound, source_table
 
 from adapters.modbus.client import Answer
-from adapters.modbus.codec import ORDERS, TYPES, Format, decode, is_available, other_orders
-from adapters.modbus.plan import TABLES, Limits, Point, halves, plan
+from adapters.modbus.codec import ORDERS, TABLES, TYPES, Format, decode, is_available, other_orders
+from adapters.modbus.plan import Point, halves, plan
 from adapters.modbus.points import ModbusChannel, readings
 from adapters.modbus.probing import probed
 from adapters.reading import Quality
@@ -35,7 +35,7 @@ def read(words: list[int], form: Format, edge: dict[str, Any]) -> None:
     channel = ModbusChannel(binding, TABLE)
     channels = Channels("bms", [binding], lambda one: ModbusChannel(one, TABLE))
     for time in (1_772_000_000.0, 1_772_000_001.5):
-        for request in plan(channels.points, Limits()):
+        for request in plan(channels.points, TABLE):
             for reading in readings(channels, request, Answer(words, time)):
                 assert (reading.fault is None) == (reading.quality is not Quality.BAD)
                 assert reading.fault is not None or math.isfinite(reading.value)
@@ -74,7 +74,7 @@ def test_register_block(data: bytes) -> None:
 )
 def test_plan_of_requests(points: list[Point], batch: bool, registers: int, gap: int) -> None:
     """Every point is asked for, once, whole, and within what a request may hold."""
-    requests = plan(points, Limits(batch, registers, gap))
+    requests = plan(points, TABLE.model_copy(update={"batch": batch, "max_registers": registers, "fill_gaps": gap}))
     asked = [point for request in requests for point in request.points]
     assert sorted(asked) == sorted(points)
     for request in requests:

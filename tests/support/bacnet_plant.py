@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -19,7 +18,8 @@ from bacpypes3.local.binary import BinaryInputObject
 from bacpypes3.local.device import DeviceObject
 from bacpypes3.pdu import IPv4Address
 
-from replay.bms.bacnet.server import LoopbackDevice, LoopbackServer
+from adapters.bacnet.stack import Datagrams
+from replay.bms.bacnet.server import LoopbackDevice
 
 READS = {"WhoIsRequest", "ReadPropertyRequest", "ReadPropertyMultipleRequest", "SubscribeCOVRequest"}
 """The requests that change nothing in a device."""
@@ -118,7 +118,7 @@ def one_device(value: float | None = 21.5, **settings: Any) -> tuple[int, Peer]:
 async def serving(*peers: Peer) -> AsyncIterator[None]:
     """Serve until the block ends; whatever came was a request that reads."""
     for peer in peers:
-        await peer.server.ready()
+        await peer.open()
     try:
         yield
     finally:
@@ -127,8 +127,7 @@ async def serving(*peers: Peer) -> AsyncIterator[None]:
             for detection in list(peer._cov_detections.values()):
                 for subscription in list(detection.cov_subscriptions):
                     peer.cancel_subscription(subscription)
-            peer.close()
-        await asyncio.sleep(0)
+            await peer.datagrams.close()
     for peer in peers:
         assert set(peer.asked) <= READS | {"IAmRequest"}, "a source of telemetry only reads, ever"
 
@@ -140,12 +139,12 @@ class Bbmd:
         where = IPv4Address(f"127.0.7.200/8:{port}")
         self.where = f"127.0.7.200:{port}"
         self.table, codec, multiplexer = BIPBBMD(where), BVLLCodec(), UDPMultiplexer()
-        self.server = LoopbackServer(where)
+        self.datagrams = Datagrams(where, lambda kind: None)
         bind(self.table, codec, multiplexer.annexJ)
-        bind(multiplexer, self.server)
+        bind(multiplexer, self.datagrams)
         self.table.add_peer(where)
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Close the sockets, and stop the clock of the table."""
         self.table._fdt_clock_handle.cancel()
-        self.server.close()
+        await self.datagrams.close()

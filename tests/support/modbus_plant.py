@@ -19,7 +19,6 @@ from support.sources import bound, source_table
 from support.waiting import PATIENCE
 
 from replay.bms.background import in_background
-from replay.bms.modbus_server import shut_down
 
 READS = {1, 2, 3, 4}
 """The function codes that change nothing in a device."""
@@ -110,6 +109,21 @@ async def serving(plant: Plant, framer: FramerType = FramerType.SOCKET, port: in
     finally:
         await shut_down(server)
     assert {code for _, code, _, _ in plant.asked} | plant.codes <= READS, "a source of telemetry only reads, ever"
+
+
+async def shut_down(server: ModbusTcpServer) -> None:
+    """Close the port of `server` and every connection.
+
+    asyncio loses the socket of a connection that it has accepted for a server which is closed before it gets to it, and
+    pymodbus that of one which has not come about: so the port stops accepting a few passes of the loop before.
+    """
+    loop = asyncio.get_running_loop()
+    for listening in server.transport.sockets:  # type: ignore[attr-defined]
+        loop.remove_reader(listening)
+    for _ in range(4):
+        await asyncio.sleep(0)
+    await server.shutdown()
+    await asyncio.sleep(0)
 
 
 def _device(plant: Plant, unit: int) -> SimDevice:

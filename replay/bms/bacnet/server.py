@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import errno
-import logging
 import math
 import socket
 from typing import Any
@@ -17,20 +16,17 @@ from bacpypes3.apdu import ReadPropertyMultipleRequest, ReadPropertyRequest, Who
 from bacpypes3.app import Application
 from bacpypes3.appservice import ApplicationServiceAccessPoint
 from bacpypes3.basetypes import Scale
-from bacpypes3.comm import bind
 from bacpypes3.errors import ExecutionError
-from bacpypes3.ipv4 import IPv4DatagramServer
-from bacpypes3.ipv4.bvll import BVLLCodec
-from bacpypes3.ipv4.service import BIPNormal, UDPMultiplexer
+from bacpypes3.ipv4.service import BIPNormal
 from bacpypes3.local.analog import AnalogInputObject
 from bacpypes3.local.binary import BinaryInputObject
 from bacpypes3.local.device import DeviceObject
 from bacpypes3.local.object import Object as LocalObject
-from bacpypes3.netservice import NetworkServiceAccessPoint, NetworkServiceElement
 from bacpypes3.object import AccumulatorObject
-from bacpypes3.pdu import PDU, IPv4Address, LocalBroadcast
+from bacpypes3.pdu import IPv4Address
 from bacpypes3.primitivedata import ObjectIdentifier
 
+from adapters.bacnet.stack import Datagrams, join
 from replay.bms.bacnet.objects import FIRST_INSTANCE, UNITS, host, objects
 from replay.bms.plant import Channel, Device
 from replay.bms.simulation import Simulation
@@ -47,52 +43,19 @@ class _Counter(LocalObject, AccumulatorObject):
     """A counter; it has no COV criteria, and so offers no subscription."""
 
 
-class LoopbackServer(IPv4DatagramServer):
-    """bacpypes3's sockets on a loopback address. The library takes every loopback address for its own."""
-
-    _transport_tasks: list[Any]
-
-    async def indication(self, pdu: PDU) -> None:
-        """Send `pdu`."""
-        if self._transport_tasks:
-            await asyncio.gather(*self._transport_tasks)
-            self._transport_tasks = []
-        await self._local_transport_ready.wait()
-        destination = pdu.pduDestination
-        if isinstance(destination, LocalBroadcast):
-            target = self.broadcast_address
-        else:
-            ip = destination if isinstance(destination, IPv4Address) else IPv4Address(destination)
-            target = ip.addrTuple
-        if self.local_transport is not None and not self.local_transport.is_closing():
-            self.local_transport.sendto(pdu.pduData, target)
-
-    async def ready(self) -> None:
-        """Wait until it listens."""
-        await asyncio.gather(*self._transport_tasks)
-
-
 class LoopbackDevice(Application):
     """A BACnet device at `address` ("127.0.1.1/8:47808"). Needs a running event loop."""
 
     def __init__(self, address: str, device: DeviceObject) -> None:
         super().__init__()
-        where = IPv4Address(address)
-        self.asap = ApplicationServiceAccessPoint(device, self.device_info_cache)
-        self.nsap = NetworkServiceAccessPoint()
-        self.nse = NetworkServiceElement()
-        bind(self.nse, self.nsap)
-        bind(self, self.asap, self.nsap)
-        link, codec, multiplexer = BIPNormal(), BVLLCodec(), UDPMultiplexer()
-        self.server = LoopbackServer(where)
-        bind(link, codec, multiplexer.annexJ)
-        bind(multiplexer, self.server)
-        self.nsap.bind(link, address=where)
+        self.datagrams = Datagrams(IPv4Address(address), lambda kind: None)
+        access_point = ApplicationServiceAccessPoint(device, self.device_info_cache)
+        join(self, access_point, BIPNormal(), self.datagrams)
         self.add_object(device)
 
-    def close(self) -> None:
-        """Close the sockets."""
-        self.server.close()
+    async def open(self) -> None:
+        """Listen. Raises OSError."""
+        await self.datagrams.open(broadcasts=True, beside=False)
 
 
 class _SimulatedDevice(LoopbackDevice):
@@ -117,13 +80,11 @@ class _SimulatedDevice(LoopbackDevice):
 
     async def indication(self, apdu: Any) -> None:
         """Answer a request as the faults that act let it."""
-        faults, name = self._simulation.faults, self._plant.name
-        read = self._read(apdu)
-        if any(faults.active(kind, name, channel) for kind in ("silent", "drop") for channel in read):
+        faults, name, read = self._simulation.faults, self._plant.name, self._read(apdu)
+        if faults.on_request("silent", name, read) or faults.on_request("drop", name, read):
             return
-        delays = [fault.value for channel in read if (fault := faults.active("slow", name, channel))]
-        if delays and not isinstance(apdu, WhoIsRequest):
-            await asyncio.sleep(max(delays))
+        if not isinstance(apdu, WhoIsRequest):
+            await asyncio.sleep(max((slow.value for slow in faults.on_request("slow", name, read)), default=0.0))
         self.refresh()
         await super().indication(apdu)
 
@@ -141,16 +102,12 @@ class _SimulatedDevice(LoopbackDevice):
         """Refuse."""
         raise ExecutionError(errorClass="property", errorCode="writeAccessDenied")
 
-    async def do_WritePropertyMultipleRequest(self, apdu: Any) -> None:
-        """Refuse."""
-        raise ExecutionError(errorClass="property", errorCode="writeAccessDenied")
+    do_WritePropertyMultipleRequest = do_WritePropertyRequest
 
     def refresh(self) -> None:
         """Take over the present values, of which subscribers are told."""
-        if self._simulation.faults.active("silent", self._plant.name):
-            return
         for channel, made in self._channels.values():
-            if self._simulation.faults.active("silent", self._plant.name, channel.name):
+            if self._simulation.faults.on_request("silent", self._plant.name, [channel.name]):
                 continue
             value = self._simulation.value(self._plant, channel)
             missing = math.isnan(value)
@@ -164,42 +121,47 @@ class _SimulatedDevice(LoopbackDevice):
                 made.reliability = "noSensor" if missing else "noFaultDetected"
 
     def _refuse(self, apdu: Any) -> None:
-        faults, name = self._simulation.faults, self._plant.name
-        if any(faults.active("exception", name, channel) for channel in self._read(apdu)):
+        if self._simulation.faults.on_request("exception", self._plant.name, self._read(apdu)):
             raise ExecutionError(errorClass="device", errorCode="operationalProblem")
 
-    def _read(self, apdu: Any) -> list[str | None]:
-        """The channels that `apdu` asks for, and None for the device as a whole."""
+    def _read(self, apdu: Any) -> list[str]:
+        """The channels that `apdu` asks for."""
         if isinstance(apdu, ReadPropertyRequest):
             identifiers = [apdu.objectIdentifier]
         elif isinstance(apdu, ReadPropertyMultipleRequest):
             identifiers = [one.objectIdentifier for one in apdu.listOfReadAccessSpecs]
         else:
             identifiers = []
-        return [None, *(self._channels[one][0].name for one in identifiers if one in self._channels)]
+        return [self._channels[one][0].name for one in identifiers if one in self._channels]
 
 
 class BacnetServer:
     """Every device of the plant; `port` is the one in use, also when it was asked for as 0."""
 
-    def __init__(self, simulation: Simulation, port: int) -> None:
+    def __init__(self, port: int) -> None:
         self.port = port
-        self._devices = [
-            _SimulatedDevice(f"{host(index)}/{_PREFIX}:{port}", device, simulation)
-            for index, device in enumerate(simulation.plant)
-        ]
+        self._devices: list[_SimulatedDevice] = []
 
     @classmethod
     async def start(cls, simulation: Simulation, port: int) -> BacnetServer:
         """Listen; ReplayError if the port cannot be had."""
-        # bacpypes3 reports what the faults provoke as errors of its own.
-        logging.getLogger("bacpypes3").setLevel(logging.CRITICAL + 1)
-        for index in range(len(simulation.plant)):
-            # The library would try for ever.
-            port = _free(host(index), port)
-        server = cls(simulation, port)
-        for device in server._devices:
-            await device.server.ready()
+        if port == 0:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind((host(0), 0))
+                port = probe.getsockname()[1]
+        server = cls(port)
+        for index, plant in enumerate(simulation.plant):
+            device = _SimulatedDevice(f"{host(index)}/{_PREFIX}:{port}", plant, simulation)
+            server._devices.append(device)
+            try:
+                await device.open()
+            except OSError as error:
+                await server.stop()
+                reason = "another process has it" if error.errno == errno.EADDRINUSE else (error.strerror or str(error))
+                raise ReplayError(
+                    f"--bacnet {port}: {host(index)}:{port} cannot be used ({reason}); choose another port, or 0 for "
+                    "any free one"
+                ) from None
         return server
 
     async def run(self) -> None:
@@ -212,23 +174,7 @@ class BacnetServer:
     async def stop(self) -> None:
         """Close every socket."""
         for device in self._devices:
-            device.close()
-        await asyncio.sleep(0)
-
-
-def _free(address: str, port: int) -> int:
-    """`port`, or any free one for 0, if `address` can be bound to it; ReplayError otherwise."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind((address, port))
-        except OSError as error:
-            reason = "another process has it" if error.errno == errno.EADDRINUSE else (error.strerror or str(error))
-            raise ReplayError(
-                f"--bacnet {port}: {address}:{port} cannot be used ({reason}); choose another port, or 0 for any free "
-                "one"
-            ) from None
-        used: int = probe.getsockname()[1]
-        return used
+            await device.datagrams.close()
 
 
 def _object(channel: Channel, kind: str, instance: int) -> Any:
@@ -241,19 +187,11 @@ def _object(channel: Channel, kind: str, instance: int) -> Any:
     if kind == "binary-input":
         return BinaryInputObject(presentValue="inactive", polarity="normal", **given)
     if kind == "accumulator":
-        return _Counter(
-            presentValue=0,
-            units=UNITS[channel.unit],
-            scale=Scale(integerScale=0),
-            maxPresValue=_largest(channel),
-            **given,
-        )
-    return AnalogInputObject(
-        presentValue=0.0,
-        units=UNITS.get(channel.unit, "noUnits"),
-        covIncrement=_INCREMENTS.get(channel.unit, 0.1),
-        **given,
-    )
+        whole = Scale(integerScale=0)
+        most = _largest(channel)
+        return _Counter(presentValue=0, units=UNITS[channel.unit], scale=whole, maxPresValue=most, **given)
+    increment, units = _INCREMENTS.get(channel.unit, 0.1), UNITS.get(channel.unit, "noUnits")
+    return AnalogInputObject(presentValue=0.0, units=units, covIncrement=increment, **given)
 
 
 _INCREMENTS = {"degC": 0.05, "degF": 0.1, "K": 0.05, "kW": 0.01, "W": 10.0, "W/m2": 2.0, "%": 0.5}

@@ -65,7 +65,7 @@ def _seconds(text: str) -> float:
 
 
 def _tables(text: str) -> tuple[str, ...]:
-    from adapters.modbus.plan import TABLES
+    from adapters.modbus.codec import TABLES
 
     chosen = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
     if not set(chosen) <= set(TABLES):

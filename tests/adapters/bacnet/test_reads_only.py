@@ -19,8 +19,8 @@ from support.bacnet_plant import READS, free_udp_port, one_device, serving
 from support.sources import source_table
 
 from adapters.bacnet.client import BacnetLink
-from adapters.bacnet.objects import ObjectId, Property
-from adapters.bacnet.stack import REQUESTS, NotReading, Stack
+from adapters.bacnet.objects import ObjectId
+from adapters.bacnet.stack import REQUESTS, NotReading, ReadingApplication
 
 REQUEST_TYPES = [*confirmed_request_types.values(), *unconfirmed_request_types.values()]
 OTHERS = [kind for kind in REQUEST_TYPES if kind.__name__ not in READS]
@@ -34,27 +34,28 @@ def test_the_requests_that_are_sent_are_those_that_read():
 async def test_the_link_offers_nothing_but_to_read():
     link = BacnetLink(source_table("bacnet", interface="127.0.0.1"), lambda kind: None)
     verbs = {name for name in dir(link) if not name.startswith("_")}
-    assert verbs == {"open", "listen", "who_is", "find", "read_one", "read_list", "read", "subscribe", "close"}
+    assert verbs == {"open", "listen", "who_is", "find", "read_one", "read_list", "ask", "subscribe", "close"}
 
 
 @pytest.mark.parametrize("kind", OTHERS, ids=lambda kind: kind.__name__)
 async def test_no_other_request_gets_past_the_application_or_onto_the_wire(kind):
     sent = []
-    stack = Stack(_address(free_udp_port()), 1.0, 0, lambda kind: None, foreign=False)
+    network = source_table("bacnet", interface="127.0.0.1", port=free_udp_port())
+    application = ReadingApplication(network, lambda kind: None)
 
     async def wire(pdu):
         sent.append(pdu)
 
-    stack.datagrams.indication = wire
+    application.datagrams.indication = wire
     request = kind()
     request.pduDestination = _address(47808)
     with pytest.raises(NotReading, match="is not a request that reads"):
-        stack.application.request(request)
+        application.request(request)
     # Whatever is dug out of the library below the application: it is stopped where it would be encoded.
     generic = ConfirmedRequestPDU if issubclass(kind, ConfirmedRequestPDU) else UnconfirmedRequestPDU
     bare = generic(kind.service_choice, destination=_address(47808))
     with pytest.raises(NotReading, match="is not one that reads"):
-        await stack.application.asap.request(bare)
+        await application.asap.request(bare)
     assert not sent
 
 
@@ -71,7 +72,7 @@ async def test_a_verb_dug_out_of_the_library_does_not_reach_a_device():
         link = BacnetLink(source_table("bacnet", interface="127.0.0.1/8", port=port), lambda kind: None)
         await link.open()
         device = await link.find(1201, None)
-        application = link._stack.application
+        application = link._application
         what = ObjectIdentifier(("analog-input", 1))
         with pytest.raises(NotReading):
             await application.write_property(device.address, what, "present-value", 5.0)
@@ -80,7 +81,7 @@ async def test_a_verb_dug_out_of_the_library_does_not_reach_a_device():
         )
         with pytest.raises(NotReading):
             await application.request(request)
-        value = await link.read_one(device, Property(ObjectId(0, 1), 85))
+        value = await link.read_one(device, ObjectId(0, 1), 85)
         assert value == 21.5, "the link goes on"
         await link.close()
     assert air.presentValue == 21.5
@@ -105,5 +106,5 @@ async def test_others_can_neither_write_to_it_nor_silence_it():
             with pytest.raises(RejectPDU) as refused:
                 await peer.request(request)
             assert str(refused.value.apduAbortRejectReason) == "unrecognized-service"
-        assert await link.read_one(device, Property(ObjectId(0, 1), 85)) == 21.5
+        assert await link.read_one(device, ObjectId(0, 1), 85) == 21.5
         await link.close()

@@ -372,7 +372,7 @@ async def test_a_flood_is_bounded_and_harms_nothing(caplog):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             for _ in range(20):
                 await asyncio.to_thread(lambda: [stranger.sendto(frame, ("127.0.0.1", port)) for _ in range(1000)])
-                assert len(bms._link._stack.datagrams._waiting) <= 200 + 2
+                assert len(bms._link._application.datagrams._waiting) <= 200 + 2
         assert bms.malformed.keys() <= {"overrun"}
         async with asyncio.timeout(PATIENCE):
             for _ in range(5):
@@ -385,11 +385,11 @@ async def test_as_a_foreign_device_it_finds_devices_through_the_bbmd():
     bbmd = Bbmd(port)
     bms = source(free_udp_port(), [channel()], interface="127.0.0.1", bbmd=bbmd.where, ttl=30.0)
     async with serving(peer):
-        await bbmd.server.ready()
+        await bbmd.datagrams.open(broadcasts=True, beside=False)
         assert values(await collect(bms, bool)) == {"z/T": 21.5}
         (row,) = (await bms.scan(Scan(seconds=0.5))).rows[1:]
         assert row[2:5] == ("analog-input,1", "name of analog-input,1", "21.5")
-        bbmd.close()
+        await bbmd.close()
     alone = source(port, [channel()], interface="127.0.0.1", bbmd=f"127.0.7.201:{port}", timeout=0.2)
     with pytest.raises(SourceUnavailable, match=r"the BBMD 127\.0\.7\.201:\d+ does not answer"):
         await collect(alone, lambda got: False)

@@ -18,7 +18,7 @@ from support.waiting import PATIENCE
 
 import adapters.bacnet.session
 from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Refused
-from adapters.bacnet.objects import PRESENT_VALUE, STATUS_FLAGS, ObjectId, Property
+from adapters.bacnet.objects import PRESENT_VALUE, STATUS_FLAGS, ObjectId
 from adapters.bacnet.values import flags, number
 from adapters.reading import Fault
 from adapters.scanning import Scan
@@ -53,7 +53,7 @@ def look(job: Callable[[BacnetLink, Simulation, int], Awaitable[Any]], **changes
 
 
 async def value(link: BacnetLink, device: Device, object: ObjectId = AIR) -> float | None:
-    return number(await link.read_one(device, Property(object, PRESENT_VALUE)))
+    return number(await link.read_one(device, object, PRESENT_VALUE))
 
 
 def test_every_channel_is_an_object_with_the_plants_value_and_unit() -> None:
@@ -83,9 +83,9 @@ def test_faults_act_on_bacnet_too() -> None:
         good = await value(link, device)
         plant.faults.add(parse_spec("nan:room2/T_air"))
         assert await value(link, device) == good, "the last value stays"
-        assert flags(await link.read_one(device, Property(AIR, STATUS_FLAGS))).fault
+        assert flags(await link.read_one(device, AIR, STATUS_FLAGS)).fault
         plant.faults.clear()
-        assert not flags(await link.read_one(device, Property(AIR, STATUS_FLAGS))).fault
+        assert not flags(await link.read_one(device, AIR, STATUS_FLAGS)).fault
         plant.faults.add(parse_spec("exception:room2/T_air"))
         with pytest.raises(Refused, match="device error operational-problem"):
             await value(link, device)
@@ -118,7 +118,7 @@ async def test_subscribers_are_told_of_changes_and_counters_are_polled(monkeypat
     try:
         async with asyncio.timeout(PATIENCE), aclosing(source.batches(None)) as stream:
             first = {reading.channel: reading.value for reading in (await anext(stream)).readings}
-            while not source._sessions[1012]._not_offered:
+            while not any(one.not_offered for one in source._sessions[1012].objects.values()):
                 await anext(stream)
             clock.now += 60.0
             plant.catch_up()
@@ -126,7 +126,8 @@ async def test_subscribers_are_told_of_changes_and_counters_are_polled(monkeypat
             while latest["z/T"] == first["z/T"] or latest["z/meter"] == first["z/meter"]:
                 batch = await anext(stream)
                 latest |= {reading.channel: reading.value for reading in batch.readings}
-            assert {str(object) for object in source._sessions[1012]._subscribed} == {"analog-input,1"}
+            followed = source._sessions[1012].objects.items()
+            assert [str(object) for object, one in followed if one.renew is not None] == ["analog-input,1"]
             plant.faults.add(parse_spec("nan:room2/T_air"))
             while {reading.fault for reading in (await anext(stream)).readings} != {Fault.REPORTED_BAD, None}:
                 pass
@@ -144,13 +145,13 @@ async def test_nothing_can_be_written() -> None:
     plant = simulation(Clock())
     server = await BacnetServer.start(plant, 0)
     stranger = Peer(77, server.port)
-    await stranger.server.ready()
+    await stranger.open()
     what = ObjectIdentifier(("analog-input", 1))
     try:
         with pytest.raises(ErrorPDU, match="write-access-denied"):
             await stranger.write_property(f"127.0.1.3:{server.port}", what, "present-value", 5.0)
     finally:
-        stranger.close()
+        await stranger.datagrams.close()
         await server.stop()
 
 
