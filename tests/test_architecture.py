@@ -33,8 +33,8 @@ LEVELS = {
     ),
     "adapters": (
         {"kinds"},
-        {"weather", "opcua"},
-        {"bacnet", "csv", "home_assistant", "http", "modbus", "mqtt", "schedule", "series", "zenoh"},
+        {"weather", "opcua", "home_assistant"},
+        {"bacnet", "csv", "http", "modbus", "mqtt", "schedule", "series", "zenoh"},
         {"messages"},
         {"payload"},
         {"watched", "playback"},

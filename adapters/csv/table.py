@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from itertools import islice
 from math import inf
 from pathlib import Path
-from typing import NamedTuple, TextIO
-from zoneinfo import ZoneInfo
+from typing import NamedTuple, TextIO, TypeVar
 
 import numpy as np
 
@@ -35,6 +34,9 @@ _LONGEST_LINE = 2**20
 
 _LONGEST_CELL = 20
 """Lines that a cell in quotes may go over."""
+
+
+_Arrays = TypeVar("_Arrays", Cells, Moments)
 
 
 @dataclass(frozen=True)
@@ -105,17 +107,34 @@ def read_table(
 
     Where `stopped` turns true on the way, what has been read so far is returned.
     """
-    moments: list[Moments] = []
-    parts: list[list[Cells]] = [[] for _ in channels]
+    chunks = []
     for chunk in _chunks(path, channels, layout, content):
         if stopped():
             break
-        moments.append(chunk.moments)
-        for channel, part in zip(channels, parts, strict=True):
-            edge, columns = channel.edge, [chunk.cells[name] for name in channel.columns]
-            steps = () if edge.counter else ((edge.scale, edge.offset), edge.conversion)
-            part.append(convert(sum_cells(columns), steps, (-inf, inf) if edge.counter else edge.valid))
-    return _table(moments, parts, layout.timestamp.time_zone)
+        chunks.append(chunk)
+    if not chunks:
+        return Table(
+            np.empty(0), np.empty(0), np.empty((len(channels), 0)), np.empty((len(channels), 0), dtype=np.uint8)
+        )
+    times, refused = to_utc(_joined([chunk.moments for chunk in chunks]), layout.timestamp.time_zone)
+    values = np.empty((len(channels), times.size))
+    status = np.empty((len(channels), times.size), dtype=np.uint8)
+    for i, channel in enumerate(channels):
+        edge = channel.edge
+        raw = sum_cells([_joined([chunk.cells[name] for chunk in chunks]) for name in channel.columns])
+        steps = () if edge.counter else ((edge.scale, edge.offset), edge.conversion)
+        values[i], status[i] = convert(raw, steps, (-inf, inf) if edge.counter else edge.valid)
+    bad = refused != Status.GOOD
+    values[:, bad] = np.nan
+    status[:, bad] = refused[bad]
+    order = _filled(times)
+    rows = np.argsort(order, kind="stable") if np.any(order[1:] < order[:-1]) else slice(None)
+    return Table(order[rows], times[rows], values[:, rows], status[:, rows])
+
+
+def _joined(parts: Sequence[_Arrays]) -> _Arrays:
+    """Parallel arrays of several chunks, one after the other."""
+    return type(parts[0])(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
 def _chunks(path: Path, channels: Sequence[CsvChannel], layout: LayoutConfig, content: bytes | None) -> Iterator[Chunk]:
@@ -140,25 +159,6 @@ def _require(path: Path, header: Sequence[str], channels: Sequence[CsvChannel], 
     problems = column_problems(path, header, channels, layout)
     if problems:
         raise SourceConfigError("; ".join(problems))
-
-
-def _table(moments: list[Moments], parts: list[list[Cells]], zone: ZoneInfo | None) -> Table:
-    if not moments:
-        return Table(np.empty(0), np.empty(0), np.empty((len(parts), 0)), np.empty((len(parts), 0), dtype=np.uint8))
-    times, refused = to_utc(Moments(*(np.concatenate(arrays) for arrays in zip(*moments, strict=True))), zone)
-    values = np.empty((len(parts), times.size))
-    status = np.empty((len(parts), times.size), dtype=np.uint8)
-    for i, part in enumerate(parts):
-        values[i] = np.concatenate([cells.values for cells in part])
-        status[i] = np.concatenate([cells.status for cells in part])
-    bad = refused != Status.GOOD
-    values[:, bad] = np.nan
-    status[:, bad] = refused[bad]
-    order = _filled(times)
-    if np.any(order[1:] < order[:-1]):
-        rows = np.argsort(order, kind="stable")
-        return Table(order[rows], times[rows], values[:, rows], status[:, rows])
-    return Table(order, times, values, status)
 
 
 def _filled(times: Array) -> Array:

@@ -8,6 +8,8 @@ from pydantic import BeforeValidator, Field
 
 from adapters.channel import ChannelConfig, RecordedConfig
 from adapters.fields.values import FilePath, Text, choice
+from adapters.home_assistant.database import Recorder
+from adapters.series.database import Database
 
 
 class HomeAssistantChannelConfig(ChannelConfig):
@@ -29,7 +31,9 @@ class HomeAssistantConfig(RecordedConfig):
 
     channel: ClassVar = HomeAssistantChannelConfig
     example: ClassVar = 'entity = "sensor...."'
-    source: ClassVar = "adapters.home_assistant.source:RecorderSource"
+    source: ClassVar = "adapters.series.source:SeriesSource"
+    step: ClassVar = 60.0
+    """s from one reading of a value that holds to the next."""
 
     kind: Literal["home-assistant"] = "home-assistant"
     file: FilePath = Field(description='the database, such as "home-assistant_v2.db"')
@@ -41,3 +45,8 @@ class HomeAssistantConfig(RecordedConfig):
     def described(self) -> str:
         """What it reads, for the summary of a check."""
         return f"the {self.data} in {self.file.name}"
+
+    @property
+    def asked(self) -> Database:
+        """The database."""
+        return Recorder(self)

@@ -6,6 +6,7 @@ A state holds until the next one, as long as the recorder was running. The table
 
 from __future__ import annotations
 
+import asyncio
 import json
 import sqlite3
 from collections.abc import Iterator, Sequence
@@ -13,14 +14,13 @@ from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from difflib import get_close_matches
 from math import inf, isfinite, nan
-from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from adapters.errors import SourceConfigError, SourceUnavailable
-from adapters.home_assistant.config import HomeAssistantChannelConfig
+from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.series.database import Database, Points
 
 HOUR = 3600.0
 
@@ -79,47 +79,100 @@ class Stretches(NamedTuple):
     """(m,): NaN for what is no number."""
 
 
-@contextmanager
-def opened(path: Path, data: str) -> Iterator[sqlite3.Connection]:
-    """The database at `path`, to be read only, while Home Assistant runs or not; `data` is "states" or "statistics".
+class Recorder(Database):
+    """The database of Home Assistant's recorder.
 
-    Raises SourceUnavailable where it cannot be read, and SourceConfigError where it is something else.
+    Of states a value holds until the next state, and is read again every `step`, so that an interval's mean weighs each
+    value by how long it held; "unavailable", "unknown" and what else is no number is missing. Of statistics it is the
+    mean of each hour. A counter's value is read when it changes.
     """
-    if not path.is_file():
-        raise SourceUnavailable(f"file '{path}' is not there; copy home-assistant_v2.db out of Home Assistant's folder")
-    try:
-        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=10.0)) as connection:
-            there = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-            missing = [name for name in _TABLES[data] if name not in there]
-            if missing:
-                raise SourceConfigError(
-                    f"file '{path}' has no table {missing[0]}; give the database of Home Assistant 2023.4 or newer"
-                )
-            yield connection
-    except sqlite3.Error as error:
-        raise SourceUnavailable(f"file '{path}' cannot be read as a database of SQLite ({error})") from error
+
+    def __init__(self, table: Any) -> None:
+        super().__init__(table)
+        self._known: dict[str, Stretches] = {}
+        """What the file holds, by the address of a channel."""
+
+    def problems(self, channels: Sequence[Any]) -> list[str]:
+        """One sentence for a database that cannot be read, and for every entity that it lacks or has in another
+        unit."""
+        try:
+            with self._opened() as connection:
+                return _problems(connection, self.table, channels)
+        except SourceError as error:
+            return [str(error)]
+
+    async def span(self, channels: Sequence[Any]) -> tuple[float, float]:
+        """From the first state or hour of any channel until the last has ended; the last state has no length."""
+        self._known = await asyncio.to_thread(self._read, channels)
+        known = [history for history in self._known.values() if len(history.begins)]
+        begin = min((float(history.begins[0]) for history in known), default=0.0)
+        return begin, max((float(history.ends[-1]) + 1e-3 for history in known), default=begin)
+
+    async def points(self, channel: Any, begin: float, end: float, counter: bool) -> Points:
+        """The values at the beginning of each stretch in [begin, end), and at every whole step while it lasts."""
+        history, step = self._known[channel.address], self.table.step
+        first, last = np.searchsorted(history.ends, begin, "right"), np.searchsorted(history.begins, end, "left")
+        found: list[tuple[float, float]] = []
+        for began, ended, value in zip(*(rows[first:last].tolist() for rows in history), strict=True):
+            if not isfinite(value):
+                continue
+            times = [began] if began >= begin else []
+            if not counter:
+                again = max(began, begin - step) // step * step + step
+                times += np.arange(again, min(ended, end), step).tolist()
+            found += [(time, value) for time in times]
+        return Points(*np.array(found, dtype=np.float64).reshape(-1, 2).T)
+
+    async def newest(self, channel: Any) -> Points:
+        """All of its values, as they are recorded."""
+        history = (await asyncio.to_thread(self._read, [channel]))[channel.address]
+        return Points(history.begins, history.values)
+
+    def _read(self, channels: Sequence[Any]) -> dict[str, Stretches]:
+        read = _states if self.table.data == "states" else _statistics
+        with self._opened() as connection:
+            return {channel.address: read(connection, channel) for channel in channels}
+
+    @contextmanager
+    def _opened(self) -> Iterator[sqlite3.Connection]:
+        """The database, to be read only, while Home Assistant runs or not. Raises SourceUnavailable where it cannot be
+        read, and SourceConfigError where it is something else."""
+        path = self.table.file
+        if not path.is_file():
+            raise SourceUnavailable(
+                f"file '{path}' is not there; copy home-assistant_v2.db out of Home Assistant's folder"
+            )
+        try:
+            with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=10.0)) as connection:
+                there = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+                missing = [name for name in _TABLES[self.table.data] if name not in there]
+                if missing:
+                    raise SourceConfigError(
+                        f"file '{path}' has no table {missing[0]}; give the database of Home Assistant 2023.4 or newer"
+                    )
+                yield connection
+        except sqlite3.Error as error:
+            raise SourceUnavailable(f"file '{path}' cannot be read as a database of SQLite ({error})") from error
 
 
-def problems(
-    connection: sqlite3.Connection, path: Path, data: str, wanted: Sequence[HomeAssistantChannelConfig]
-) -> list[str]:
+def _problems(connection: sqlite3.Connection, table: Any, wanted: Sequence[Any]) -> list[str]:
     """One sentence for every entity that is not in the database, or is there in another unit than the one `wanted`."""
-    known = [name for (name,) in connection.execute(_NAMES[data])]
+    known = [name for (name,) in connection.execute(_NAMES[table.data])]
     found = []
     for channel in wanted:
         entity, unit = channel.entity, channel.stated_unit
         if entity not in known:
             near = get_close_matches(entity, known, 3, 0.4)
             hint = f"did you mean {' or '.join(near)}?" if near else "the recorder may leave it out"
-            found.append(f"file '{path}' has no {data} of '{entity}'; {hint}")
+            found.append(f"file '{table.file}' has no {table.data} of '{entity}'; {hint}")
         elif channel.attribute is None:
-            (told,) = connection.execute(_UNIT[data], (entity,)).fetchone() or (None,)
+            (told,) = connection.execute(_UNIT[table.data], (entity,)).fetchone() or (None,)
             if unit and told in UNITS and UNITS[told] != unit:
                 found.append(f'\'{entity}\' is in {told}; write unit = "{UNITS[told]}" instead of "{unit}"')
     return found
 
 
-def states(connection: sqlite3.Connection, channel: HomeAssistantChannelConfig) -> Stretches:
+def _states(connection: sqlite3.Connection, channel: Any) -> Stretches:
     """The states of the entity of `channel`, each until the next one or until the recorder stopped."""
     rows = connection.execute(_STATES, (channel.entity,)).fetchall()
     begins = np.array([row[0] for row in rows], dtype=np.float64)
@@ -131,10 +184,12 @@ def states(connection: sqlite3.Connection, channel: HomeAssistantChannelConfig) 
         # What holds when the recorder stops is not known to hold until it starts again.
         inside = (begins >= began) & (begins < stopped)
         ends[inside] = np.minimum(ends[inside], stopped)
-    return Stretches(begins, np.minimum(ends, _newest(connection)), values)
+    (newest,) = connection.execute("SELECT max(last_updated_ts) FROM states").fetchone()
+    # Nothing is known of the time after the newest state of any entity.
+    return Stretches(begins, np.minimum(ends, newest or 0.0), values)
 
 
-def statistics(connection: sqlite3.Connection, channel: HomeAssistantChannelConfig) -> Stretches:
+def _statistics(connection: sqlite3.Connection, channel: Any) -> Stretches:
     """The hourly means of the entity of `channel`; of a meter what it showed at the end of each hour, from then on for
     an hour."""
     rows = connection.execute(_STATISTICS, (channel.entity,)).fetchall()
@@ -163,12 +218,6 @@ def _runs(connection: sqlite3.Connection) -> list[tuple[float, float]]:
     """When the recorder was running, UTC s; a run that has not ended goes on."""
     rows = connection.execute('SELECT start, "end" FROM recorder_runs ORDER BY start').fetchall()
     return [(_seconds(start), inf if end is None else _seconds(end)) for start, end in rows]
-
-
-def _newest(connection: sqlite3.Connection) -> float:
-    """UTC s of the newest state of any entity: nothing is known of the time after it."""
-    (newest,) = connection.execute("SELECT max(last_updated_ts) FROM states").fetchone()
-    return float(newest or 0.0)
 
 
 def _seconds(text: str) -> float:

@@ -2,27 +2,37 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
-from zoneinfo import ZoneInfo
+from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer
 
 from adapters.channel import LiveConfig, WatchedChannelConfig
 from adapters.fields.values import Count, Duration, PositiveDuration, Text, TimeZone, choice
 from adapters.fields.words import shown
-from adapters.payload.json_pointer import parse
-from adapters.payload.payload import FORMATS, PayloadFormat, quality_word
+from adapters.payload.json_pointer import parse, written
 from adapters.payload.times import TIME_FORMATS
 
-_POINTERS = {"plain": (), "json": ("value", "time", "quality"), "senml": ("quality",)}
-"""Which pointers a format has."""
+FORMATS = {"plain": (), "json": ("value", "time", "quality"), "senml": ("quality",)}
+"""Which pointers each format has."""
+
+TIMES = ("payload", "zenoh", "arrival")
+"""Where the time of a reading can come from."""
 
 
-def pointer(value: object) -> str:
+def pointer(value: object) -> tuple[str, ...]:
+    """The reference tokens of a JSON pointer."""
     if not isinstance(value, str):
         raise ValueError(f'must be a JSON pointer in quotes, such as "/present/value", not {shown(value)}')
-    parse(value)
-    return value
+    return parse(value)
+
+
+def quality_word(value: object) -> str:
+    """A quality as it is compared: text in lower case, numbers as they are written, true and false."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    return str(value).strip().lower()
 
 
 def word(value: object) -> str:
@@ -46,7 +56,7 @@ def times_of(*times: str) -> Any:
     ]
 
 
-Pointer = Annotated[str, BeforeValidator(pointer)]
+Pointer = Annotated[tuple[str, ...], BeforeValidator(pointer), PlainSerializer(written, return_type=str)]
 Words = tuple[Annotated[str, BeforeValidator(word)], ...]
 Format = Annotated[str, BeforeValidator(choice(*FORMATS))]
 TimeFormat = Annotated[str, BeforeValidator(choice(*TIME_FORMATS))]
@@ -55,7 +65,10 @@ _UNCERTAIN = 'a list of what stands for uncertain, such as ["uncertain", 64]'
 
 
 class MessagesConfig(LiveConfig):
-    """What the table of such a source says of all of its messages."""
+    """What the table of such a source says of all of its messages. `noun` is what it calls a place that they come
+    on."""
+
+    noun: ClassVar[str]
 
     max_ahead: Duration = Field(default=10.0, description="how far a time may be ahead of this machine's clock")
     queue: Count = Field(
@@ -65,7 +78,7 @@ class MessagesConfig(LiveConfig):
         default=900.0, description="counters: readings further apart give no power"
     )
     format: Format = "plain"
-    value: Pointer = "/value"
+    value: Pointer = ("value",)
     time: Pointer | None = None
     quality: Pointer | None = None
     time_format: TimeFormat = "iso8601"
@@ -97,28 +110,12 @@ class MessageChannelConfig(WatchedChannelConfig):
     @property
     def address(self) -> str:
         """Place and format."""
-        return " ".join(filter(None, (self.place, self.format, self.value, self.record)))
-
-    @property
-    def payload_format(self) -> PayloadFormat:
-        """How its payloads are written; of a channel that is `within` its source."""
-        return PayloadFormat(
-            str(self.format),
-            parse(self.value or ""),
-            None if self.time is None else parse(self.time),
-            None if self.quality is None else parse(self.quality),
-            str(self.time_format),
-            None if self.time_zone is None else ZoneInfo(self.time_zone),
-            frozenset(self.good or ()),
-            frozenset(self.uncertain or ()),
-            self.record,
-            self.stated_unit,
-        )
+        return " ".join(filter(None, (self.place, self.format, written(self.value or ()), self.record)))
 
     def within(self, table: Any) -> Self:
         """With what the source says for all of its channels; ValueError where the result cannot be read."""
         form = self.format or table.format
-        foreign = {"value", "time", "quality"} - set(_POINTERS[form])
+        foreign = {"value", "time", "quality"} - set(FORMATS[form])
         for name in sorted(foreign, reverse=True):
             if getattr(self, name) is not None:
                 raise ValueError(f'format "{form}" has no {name}; remove it, or use format "json"')

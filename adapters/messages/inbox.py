@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import heapq
 import threading
-from collections import deque
-from collections.abc import Iterator
+from collections import OrderedDict, deque
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -18,9 +17,6 @@ MOST_BYTES_OF_ONE = 2**20
 
 MOST_BYTES = 2**24
 """Bytes of payloads that wait on all keys together."""
-
-_OVERHEAD = 512
-"""The bytes that take about as long to read as everything about a message but its payload."""
 
 
 class Incoming(NamedTuple):
@@ -58,9 +54,6 @@ class _Queue:
         self.samples: deque[Incoming] = deque()
         self.bytes = 0
         self.dropped = 0
-        self.due = 0
-        """The place in the order of service that the next sample has at the earliest."""
-        self.in_line = False
 
     def pop(self) -> Incoming:
         incoming = self.samples.popleft()
@@ -71,31 +64,30 @@ class _Queue:
 class Inbox:
     """One bounded queue per subscription, filled by any thread and emptied by the event loop that made it.
 
-    A queue that is full drops its oldest samples: the newest say what is now. The queues are served by start-time fair
-    queueing in bytes, so that a flood on one key neither costs nor delays what comes on another.
+    A queue that is full drops its oldest samples: the newest say what is now. The queues have their turns one after the
+    other, so that a flood on one key neither costs nor delays what comes on another.
     """
 
-    def __init__(self, keys: list[str], room: int, most_bytes: int = MOST_BYTES_OF_ONE) -> None:
+    def __init__(self, keys: Iterable[str], room: int, most_bytes: int = MOST_BYTES_OF_ONE) -> None:
         """`room`: how many samples wait at most on each of `keys`; `most_bytes`: bytes of their payloads."""
         self._loop = asyncio.get_running_loop()
         self._news = asyncio.Event()
         self._lock = threading.Lock()
         self._room, self._most_bytes = room, most_bytes
         self._queues: dict[str, _Queue] = {}
-        self._line: list[tuple[int, str]] = []
-        """Heap of the queues in which something waits, by their places."""
-        self._served = 0
-        """The place that was served last."""
+        self._turns: OrderedDict[str, None] = OrderedDict()
+        """The keys on which something waits, in the order of their turns."""
         self._bytes = 0
         self._told = False
         """Whether the loop knows already that there is something."""
         self.listen_to(keys)
 
-    def listen_to(self, keys: list[str]) -> None:
+    def listen_to(self, keys: Iterable[str]) -> None:
         """These are the keys from now on; what waits on those that stay is kept."""
         with self._lock:
             self._queues = {key: self._queues.get(key) or _Queue() for key in keys}
             self._bytes = sum(queue.bytes for queue in self._queues.values())
+            self._turns = OrderedDict((key, None) for key in self._turns if key in self._queues)
 
     def put(self, key: str, incoming: Incoming) -> None:
         """Take in a sample of the subscription to `key`; never waits. Any thread."""
@@ -107,13 +99,11 @@ class Inbox:
             queue.samples.append(incoming)
             queue.bytes += incoming.held
             self._bytes += incoming.held
+            self._turns.setdefault(key)
             while len(queue.samples) > self._room or queue.bytes > self._most_bytes:
                 self._drop(queue)
             while self._bytes > MOST_BYTES:
                 self._drop(max(self._queues.values(), key=lambda one: one.bytes))
-            if not queue.in_line:
-                queue.in_line = True
-                heapq.heappush(self._line, (max(queue.due, self._served), key))
             if self._told:
                 return
             self._told = True
@@ -124,7 +114,7 @@ class Inbox:
     async def wait(self, timeout: float) -> bool:
         """Wait until there is something, for `timeout` s at most; whether there is."""
         with self._lock:
-            if self._line:
+            if self._turns:
                 return True
             self._news.clear()
             self._told = False
@@ -132,26 +122,22 @@ class Inbox:
             async with asyncio.timeout(timeout):
                 await self._news.wait()
         with self._lock:
-            return bool(self._line)
+            return bool(self._turns)
 
     def take(self) -> Taken | None:
         """The next sample, None if there is none. Those of one subscription come in their order."""
         with self._lock:
-            while self._line:
-                place, key = heapq.heappop(self._line)
-                queue = self._queues.get(key)
-                if queue is None:
-                    continue
-                queue.in_line = False
+            while self._turns:
+                key, _ = self._turns.popitem(last=False)
+                queue = self._queues[key]
                 if not queue.samples:
+                    # All have made room for those of other keys.
                     continue
                 incoming = queue.pop()
                 self._bytes -= incoming.held
                 dropped, queue.dropped = queue.dropped, 0
-                self._served, queue.due = place, place + incoming.held + _OVERHEAD
                 if queue.samples:
-                    queue.in_line = True
-                    heapq.heappush(self._line, (queue.due, key))
+                    self._turns[key] = None
                 return Taken(key, incoming, dropped)
         return None
 

@@ -6,13 +6,15 @@ import asyncio
 import difflib
 import logging
 import time
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Collection, Sequence
+from contextlib import AbstractAsyncContextManager
+from typing import Any
 
 from adapters.channel import Binding
 from adapters.messages.config import MessagesConfig
-from adapters.messages.dating import Dating
-from adapters.messages.inbox import Inbox, Incoming
-from adapters.messages.points import MessageChannel, MessageChannels, probed
+from adapters.messages.decoding import numbers_in, shown
+from adapters.messages.inbox import MOST_BYTES, Inbox, Incoming
+from adapters.messages.points import MessageChannel, MessageChannels
 from adapters.reading import Batch, Fault, Probe, Reading
 from adapters.watched import LiveSource, Seldom
 
@@ -34,6 +36,12 @@ TOGETHER_SECONDS = 0.1
 MOST_TOGETHER = 500
 """Readings that are delivered in a turn of the event loop, and from which on no more are collected."""
 
+EVERYTHING = "#"
+"""The key of an inbox for whatever comes elsewhere, while somebody looks."""
+
+MOST_PLACES = 2000
+"""Keys or topics that are kept of all that is published while somebody looks."""
+
 _SHOWN = 5
 
 _log = logging.getLogger(__name__)
@@ -41,38 +49,120 @@ _log = logging.getLogger(__name__)
 
 class SubscribedSource(LiveSource):
     """The channels of a source, and what comes for them. Messages go from the threads of a client library into an
-    `Inbox`, so that neither side ever waits for the other."""
+    `Inbox`, so that neither side ever waits for the other.
 
-    def __init__(
-        self, name: str, table: MessagesConfig, bindings: Sequence[Binding], times: tuple[str, ...], noun: str
-    ) -> None:
-        """`times` as of a Dating; `noun`: what the place is called that messages come on."""
+    A kind of source says how its link is opened, subscribed and watched (the methods below `scan`).
+    """
+
+    def __init__(self, name: str, table: MessagesConfig, bindings: Sequence[Binding]) -> None:
         super().__init__(name, bindings)
         self.dropped = 0
         """How many messages were dropped because they came faster than they could be taken."""
-        self._dating, self._noun = Dating(times, table.max_ahead), noun
-        self._room, self._longest_stretch = table.queue, table.longest_stretch
-        self._channels = MessageChannels(name, bindings, self._dating, table.longest_stretch, noun)
+        self._table: Any = table
+        self._channels = MessageChannels(name, bindings, table)
         self._seldom = Seldom()
 
-    def _begin(self) -> Inbox:
-        """The channels as they are listed now, with nothing heard yet, and an empty inbox for them."""
-        self._channels.replace(self._listed)
-        self._rebound = False
-        self._channels.start_again()
-        return Inbox(self._channels.points, self._room)
+    def check(self) -> list[str]:
+        """Files that cannot be read, and a missing client library."""
+        return [f"sources.{self.name}: {problem}" for problem in self._table.problems()]
 
-    def _change(self, inbox: Inbox) -> tuple[list[str], list[str]]:
-        """Take channels and inbox to what is listed now; the keys that came and those that went."""
+    async def batches(self, start: float | None) -> AsyncIterator[Batch]:
+        """What is published, for ever. `start` is of no concern. Raises SourceUnavailable, after which it may be called
+        again, and SourceConfigError."""
+        self._channels.replace(self._listed)
+        self._channels.start_again()
+        self._rebound = False
+        inbox = Inbox(self._channels.points, self._table.queue)
+        async with self._reached(inbox) as link:
+            await self._subscribe(link, inbox, self._channels.points)
+            connected, since, look_at, quiet_at = False, time.monotonic(), 0.0, float("inf")
+            while True:
+                if (now := time.monotonic()) >= look_at:
+                    look_at = now + LOOK
+                    if self._rebound:
+                        await self._change(link, inbox)
+                    before, connected = connected, self._connected(link, now - since)
+                    if connected != before:
+                        since, quiet_at = now, now + QUIET if connected else float("inf")
+                        if connected:
+                            _log.info("sources.%s: connected (%s)", self.name, self._table.place)
+                            yield Batch([], time.time() - TRANSIT)
+                        else:
+                            _log.warning("sources.%s: the connection is lost; trying to connect again", self.name)
+                    if now >= quiet_at:
+                        quiet_at = float("inf")
+                        self._note_quiet()
+                async for batch in self._taken(inbox):
+                    yield batch
+
+    async def probe(self, seconds: float) -> list[Probe]:
+        """What comes for every channel within `seconds`, or is kept for who asks; less if all have come."""
+        channels = [MessageChannel(binding, self._table) for binding in self._listed]
+        came, heard = await self._listen({channel.point for channel in channels}, seconds)
+        nothing = f"nothing came within {seconds:g} s, and {self._nothing}"
+        return [self._probed(channel, came[channel.point], heard, nothing) for channel in channels]
+
+    async def _listen(
+        self, points: Collection[str], seconds: float
+    ) -> tuple[dict[str, list[Incoming]], dict[str, Incoming]]:
+        """What comes on each of `points`, and the newest message of every place of others, within `seconds`, or until
+        all of the former have had one."""
+        inbox = Inbox([*points, EVERYTHING], max(self._table.queue, MOST_PLACES), MOST_BYTES)
+        came: dict[str, list[Incoming]] = {point: [] for point in points}
+        heard: dict[str, Incoming] = {}
+        async with self._reached(inbox, points) as link:
+            end = time.monotonic() + seconds
+            while (left := end - time.monotonic()) > 0 and not (came and all(came.values())):
+                await inbox.wait(min(left, LOOK))
+                for key, incoming, _ in inbox.waiting():
+                    came.get(key, []).append(incoming)
+                    new = key == EVERYTHING and incoming.key not in heard
+                    if not new or (len(heard) < MOST_PLACES and not published_here(incoming.key)):
+                        heard[incoming.key] = incoming
+                self._connected(link, 0.0)
+            self._connected(link, float("inf"))
+        return came, heard
+
+    def _probed(
+        self, channel: MessageChannel, came: Sequence[Incoming], heard: dict[str, Incoming], nothing: str
+    ) -> Probe:
+        """What a person should know of what `came` for `channel`, with the verdict `nothing` if nothing did, and what
+        was `heard` on places like its own."""
+        probe = channel.look(came, nothing)
+        if came or not heard:
+            return probe
+        near = difflib.get_close_matches(channel.point, sorted(heard), n=_SHOWN, cutoff=0.0)
+        return probe._replace(hints=tuple(f"heard meanwhile: {described(heard[place])}" for place in near))
+
+    _nothing: str
+    """What else did not come while somebody looked, and the remedy."""
+
+    def _reached(self, inbox: Inbox, probed: Collection[str] | None = None) -> AbstractAsyncContextManager[Any]:
+        """The open link, whose messages go into `inbox`. `probed`: somebody looks at these places; subscribed to them
+        and to what is around them, under EVERYTHING."""
+        raise NotImplementedError
+
+    async def _subscribe(self, link: Any, inbox: Inbox, keys: Sequence[str]) -> None:
+        """Subscribe to `keys`."""
+        raise NotImplementedError
+
+    async def _unsubscribe(self, link: Any, keys: Sequence[str]) -> None:
+        """Give the subscriptions to `keys` up."""
+        raise NotImplementedError
+
+    def _connected(self, link: Any, seconds: float) -> bool:
+        """Whether somebody is at the other end. Raises SourceUnavailable if nobody has been for `seconds` and that is
+        too long."""
+        raise NotImplementedError
+
+    async def _change(self, link: Any, inbox: Inbox) -> None:
+        """Take channels, inbox and subscriptions to what is listed now."""
         self._rebound, before = False, self._channels.points
         self._channels.replace(self._listed)
         now = self._channels.points
         inbox.listen_to(now)
-        return [key for key in now if key not in before], [key for key in before if key not in now]
-
-    def _clock(self) -> Batch:
-        """A batch that tells the time alone."""
-        return Batch([], time.time() - TRANSIT)
+        await self._unsubscribe(link, [key for key in before if key not in now])
+        await self._subscribe(link, inbox, [key for key in now if key not in before])
 
     async def _taken(self, inbox: Inbox) -> AsyncIterator[Batch]:
         """What comes within LOOK s, in pieces: a single message may hold thousands of readings."""
@@ -90,7 +180,10 @@ class SubscribedSource(LiveSource):
         turn = begun = time.monotonic()
         for key, incoming, dropped in inbox.waiting():
             if dropped:
-                self._note_drop(key, dropped)
+                self.dropped += dropped
+                if self._seldom("dropped"):
+                    say = "sources.%s: samples of %s come faster than they can be taken; the %d oldest were dropped"
+                    _log.warning(f"{say}, %d of this source so far", self.name, key, dropped, self.dropped)
                 readings += self._channels.bad(key, Fault.OVERRUN)
             readings += self._channels.came(key, [incoming])
             now = time.monotonic()
@@ -101,28 +194,23 @@ class SubscribedSource(LiveSource):
                 turn = time.monotonic()
         return readings
 
-    def _note_drop(self, key: str, count: int) -> None:
-        self.dropped += count
-        if self._seldom("dropped"):
-            say = "sources.%s: samples of %s come faster than they can be taken; the %d oldest were dropped, %d of this"
-            _log.warning(f"{say} source so far", self.name, key, count, self.dropped)
-
     def _note_quiet(self) -> None:
-        for channel in self._channels.unheard():
-            say = "sources.%s: nothing has come for %s so far; check its %s with thermogate probe"
-            _log.warning(say, self.name, channel, self._noun)
+        noun = self._table.noun
+        for channel in self._channels.all():
+            if not channel.heard:
+                say = "sources.%s: nothing has come for %s (%s %s) so far; check its %s with thermogate probe"
+                _log.warning(say, self.name, channel.id, noun, channel.point, noun)
 
-    def _asked_for(self) -> list[MessageChannel]:
-        """The channels that are listed, for one look at each."""
-        return [MessageChannel(binding, self._longest_stretch) for binding in self._listed]
 
-    def _probed(
-        self, channel: MessageChannel, came: Sequence[Incoming], heard: Mapping[str, str], nothing: str
-    ) -> Probe:
-        """What a person should know of what `came` for `channel`, with the verdict `nothing` if nothing did, and what
-        was `heard` on places like its own."""
-        probe = probed(channel, self._dating, came, nothing)
-        if came or not heard:
-            return probe
-        near = difflib.get_close_matches(channel.point, sorted(heard), n=_SHOWN, cutoff=0.0)
-        return probe._replace(hints=tuple(f"heard meanwhile: {heard[place]}" for place in near))
+def published_here(place: str) -> bool:
+    """Whether Thermogate publishes there itself: results of zones, and what Home Assistant discovers them by."""
+    first, *rest = place.split("/")
+    return first == "thermogate" or (place.endswith("/config") and any(part.startswith("thermogate_") for part in rest))
+
+
+def described(incoming: Incoming) -> str:
+    """A place, and what could be read there."""
+    found = numbers_in(incoming.payload or b"")
+    if found and found[0][0]:
+        return f"{incoming.key} with {', '.join(f'{pointer} {number:g}' for pointer, number in found)}"
+    return f"{incoming.key} with {shown(incoming.payload or b'')}"

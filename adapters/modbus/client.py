@@ -77,42 +77,30 @@ class Answer(NamedTuple):
     time: float
 
 
-class ReadingClient:
-    """pymodbus' client without its verbs that write: to connect, to close, and a read for every table. Should anything
-    else reach the wire all the same, it is stopped there."""
+class ModbusLink:
+    """One connection; requests go out one after the other. Made inside the event loop that uses it.
+
+    Of pymodbus' client it keeps what connects, closes, and reads each table. Should anything else reach the wire all
+    the same, it is stopped there.
+    """
 
     def __init__(self, line: ModbusConfig) -> None:
         client = _client(line)
         client.set_max_no_responses(_NEVER)
         _guard(client)
-        self._connected = lambda: client.connected
-        self.connect: Callable[[], Awaitable[bool]] = client.connect
-        self.close: Callable[[], None] = client.close
-        self.reads: Mapping[str, Callable[..., Awaitable[ModbusPDU]]] = {
+        self._line, self._free_at = line, 0.0
+        self._connect, self._close, self._is_connected = client.connect, client.close, lambda: client.connected
+        self._reads: Mapping[str, Callable[..., Awaitable[ModbusPDU]]] = {
             "coil": client.read_coils,
             "discrete": client.read_discrete_inputs,
             "holding": client.read_holding_registers,
             "input": client.read_input_registers,
         }
 
-    @property
-    def connected(self) -> bool:
-        """Whether the connection stands."""
-        return self._connected()
-
-
-class ModbusLink:
-    """One connection; requests go out one after the other. Made inside the event loop that uses it."""
-
-    def __init__(self, line: ModbusConfig) -> None:
-        self._line = line
-        self._client = ReadingClient(line)
-        self._free_at = 0.0
-
     async def open(self) -> None:
         """Connect. Raises SourceUnavailable with the reason and the remedy."""
         try:
-            connected = await cancellable(self._client.connect())
+            connected = await cancellable(self._connect())
         except (ModbusException, OSError, ValueError, termios.error) as error:
             # The serial library's own errors are OSErrors; settings that a port does not know are termios.error.
             raise SourceUnavailable(f"{self._line.place} cannot be opened ({error}); {self._remedy()}") from error
@@ -122,16 +110,16 @@ class ModbusLink:
     async def read(self, unit: int, table: str, address: int, count: int) -> Answer:
         """Read from a table. Raises NoAnswer, Refused, or SourceUnavailable once the connection is lost."""
         for attempt in range(self._line.retries + 1):
-            await self._wait_for_the_line()
+            await asyncio.sleep(max(self._free_at - asyncio.get_running_loop().time(), 0.0))
             try:
-                response = await cancellable(self._client.reads[table](address, count=count, device_id=unit))
+                response = await cancellable(self._reads[table](address, count=count, device_id=unit))
                 arrived = time.time()
             except _Nonsense as error:
                 raise NoAnswer(
                     "it answers with what is no Modbus; look at the device, or who else is on the line"
                 ) from error
             except ModbusException as error:
-                if not self._client.connected:
+                if not self._is_connected():
                     raise SourceUnavailable(
                         f"{self._line.place} has closed the connection; {self._remedy()}"
                     ) from error
@@ -145,12 +133,7 @@ class ModbusLink:
 
     async def close(self) -> None:
         """Close the connection; safe to call twice."""
-        self._client.close()
-
-    async def _wait_for_the_line(self) -> None:
-        wait = self._free_at - asyncio.get_running_loop().time()
-        if wait > 0:
-            await asyncio.sleep(wait)
+        self._close()
 
     def _remedy(self) -> str:
         if self._line.transport == "rtu":

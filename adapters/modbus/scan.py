@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from adapters.errors import SourceConfigError
 from adapters.modbus.client import ModbusLink, NoAnswer, Refused
@@ -43,71 +43,53 @@ async def scan(link: ModbusLink, wanted: Scan, source: ModbusConfig) -> Scanned:
         )
     rows: list[tuple[str, ...]] = [HEADINGS]
     remarks: list[str] = []
+    stretch = range(begin - first_register, end - first_register + 1)
     for one in range(first_unit, last_unit + 1):
         try:
             for table in wanted.tables:
-                looked = _Table(link, one, table, source.max_registers * (16 if table in BIT_TABLES else 1))
-                await looked.look(begin - first_register, end - begin + 1)
-                rows += _rows(looked, first_register)
-                remarks += looked.remarks()
+                longest = source.max_registers * (16 if table in BIT_TABLES else 1)
+                words, said = await _look(link, one, table, stretch, longest)
+                rows += _rows(one, table, words, first_register)
+                remarks += said
         except NoAnswer as error:
             remarks.append(f"unit {one}: {error}")
     return Scanned(rows, remarks)
 
 
-class _Table:
-    """A table of a unit, as far as it has been looked at."""
-
-    def __init__(self, link: ModbusLink, unit: int, table: str, longest: int) -> None:
-        self.unit, self.table = unit, table
-        self.words: dict[int, int] = {}
-        """Registers or bits by their address."""
-        self._link, self._longest = link, longest
-        self._refusals = 0
-        self._reason = ""
-
-    async def look(self, address: int, count: int) -> None:
-        """Read `count` registers from `address` on, in as few requests as the device gives them away in."""
-        for begin in range(address, address + count, self._longest):
-            await self._part(begin, min(self._longest, address + count - begin))
-
-    async def _part(self, address: int, count: int) -> None:
-        if self._refusals >= MOST_REFUSALS:
-            return
+async def _look(
+    link: ModbusLink, unit: int, table: str, stretch: range, longest: int
+) -> tuple[dict[int, int], list[str]]:
+    """Registers or bits of a table by their address, read in as few requests as the device gives them away in, and what
+    there is to say beside them."""
+    words: dict[int, int] = {}
+    reasons: list[str] = []
+    parts = [stretch[begin : begin + longest] for begin in range(0, len(stretch), longest)]
+    while parts and len(reasons) < MOST_REFUSALS:
+        part = parts.pop(0)
         try:
-            answer = await self._link.read(self.unit, self.table, address, count)
+            answer = await link.read(unit, table, part[0], len(part))
         except Refused as error:
-            self._refusals += 1
-            self._reason = str(error)
-            if count > 1:
-                await self._part(address, count // 2)
-                await self._part(address + count // 2, count - count // 2)
-            return
-        self.words |= dict(enumerate(answer.words, address))
-
-    def remarks(self) -> list[str]:
-        """What there is to say beside the registers."""
-        where = f"unit {self.unit} {self.table}"
-        if self._refusals >= MOST_REFUSALS:
-            return [f"{where}: given up after {MOST_REFUSALS} refused requests; narrow --registers"]
-        return [] if self.words else [f"{where}: nothing there ({self._reason})"]
+            reasons.append(str(error))
+            middle = len(part) // 2
+            parts[:0] = [part[:middle], part[middle:]] if middle else []
+        else:
+            words |= dict(enumerate(answer.words, part[0]))
+    if len(reasons) >= MOST_REFUSALS:
+        return words, [f"unit {unit} {table}: given up after {MOST_REFUSALS} refused requests; narrow --registers"]
+    return words, [] if words else [f"unit {unit} {table}: nothing there ({reasons[-1]})"]
 
 
-def _rows(table: _Table, first_register: int) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = []
-    for address in sorted(table.words):
-        word = table.words[address]
-        if word == 0 and table.words.get(address - 1, 0) == 0 and table.words.get(address + 1, 0) == 0:
+def _rows(unit: int, table: str, words: Mapping[int, int], first_register: int) -> Iterator[tuple[str, ...]]:
+    for address, word in sorted(words.items()):
+        if word == 0 and words.get(address - 1, 0) == 0 and words.get(address + 1, 0) == 0:
             # Long stretches of nothing would hide what there is.
             continue
-        register = str(address + first_register)
-        if table.table in BIT_TABLES:
-            rows.append((str(table.unit), table.table, register, "-", str(word), "-"))
+        place = str(unit), table, str(address + first_register)
+        if table in BIT_TABLES:
+            yield (*place, "-", str(word), "-")
             continue
-        guesses = ", ".join(_guesses([table.words[k] for k in range(address, address + 4) if k in table.words]))
-        signed = f"{decode([word], Format('int16')):.0f}"
-        rows.append((str(table.unit), table.table, register, f"0x{word:04x}", signed, guesses or "-"))
-    return rows
+        guesses = ", ".join(_guesses([words[k] for k in (address, address + 1) if k in words]))
+        yield (*place, f"0x{word:04x}", f"{decode([word], Format('int16')):.0f}", guesses or "-")
 
 
 def _guesses(words: Sequence[int]) -> list[str]:

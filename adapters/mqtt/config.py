@@ -30,6 +30,7 @@ class MqttSourceConfig(BrokerConfig, MessagesConfig):
 
     channel: ClassVar = MqttChannelConfig
     example: ClassVar = 'topic = "..."'
+    noun: ClassVar = "topic"
     source: ClassVar = "adapters.mqtt.source:MqttSource"
 
     kind: Literal["mqtt"] = "mqtt"

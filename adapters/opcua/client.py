@@ -38,7 +38,6 @@ _UNREADABLE = (ValueError, TypeError, LookupError, AttributeError, struct.error,
 """What the library raises where an answer is not what it expects."""
 
 _LOGIN = (ua.uaerrors.BadIdentityTokenRejected, ua.uaerrors.BadIdentityTokenInvalid, ua.uaerrors.BadUserAccessDenied)
-_STATE = "i=2259"
 _OBJECTS = "i=85"
 _SERVER = ua.NodeId.from_string("i=2253")
 
@@ -95,10 +94,6 @@ class OpcuaLink:
                 )
                 found |= {name: _seen(answer) for name, answer in zip(names, answers, strict=True)}
         return found
-
-    async def check(self) -> None:
-        """Raise SourceUnavailable if the server does not answer."""
-        await self.read([_STATE])
 
     async def subscribe(self, nodes: Sequence[str], every: float) -> dict[str, str]:
         """Have changes of `nodes`, and of no others, told every `every` s (`taken`); those that the server does not

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from adapters.opcua.client import OpcuaLink
@@ -13,26 +15,26 @@ class History(Database):
     """What a server has recorded (part 11, Historical Access), over one session that is opened when it is needed."""
 
     def __init__(self, table: OpcuaHistoryConfig) -> None:
-        self._table = table
+        super().__init__(table)
         self._link: OpcuaLink | None = None
 
-    async def points(self, query: str, begin: float, end: float, step: float) -> Points:
-        """The values of the node `query` at begin, begin + step, ..., each recorded at most `hold` s before; a bad
-        value ends the one before. Raises SourceError."""
+    async def points(self, channel: Any, begin: float, end: float, counter: bool) -> Points:
+        """The values of a node at begin, begin + step, ..., each recorded at most `hold` s before; a bad value ends the
+        one before."""
         if self._link is None:
-            link = OpcuaLink(self._table)
+            link = OpcuaLink(self.table)
             await link.open()
             self._link = link
         recorded = [
             (seen.time, verdict.raw)
-            for seen in await self._link.history(query, begin - self._table.hold, end)
+            for seen in await self._link.history(channel.node, begin - self.table.hold, end)
             if seen.time is not None and ((verdict := seen.judged()).raw is not None or verdict.fault is not None)
         ]
         times, values = np.array(sorted(recorded, key=lambda one: one[0]), dtype=np.float64).reshape(-1, 2).T
-        grid = np.arange(begin, end, step)
+        grid = np.arange(begin, end, self.table.step)
         last = np.searchsorted(times, grid, "right") - 1
         known = np.flatnonzero(last >= 0)
-        known = known[(grid[known] - times[last[known]] <= self._table.hold) & np.isfinite(values[last[known]])]
+        known = known[(grid[known] - times[last[known]] <= self.table.hold) & np.isfinite(values[last[known]])]
         return Points(grid[known], values[last[known]])
 
     async def close(self) -> None:

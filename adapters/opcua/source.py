@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from adapters.channel import Binding
 from adapters.opcua.config import OpcuaConfig
 from adapters.opcua.values import Seen
-from adapters.reading import Batch, Probe, Reading
+from adapters.reading import Batch, Fault, Probe, Reading
 from adapters.rhythm import Rhythm
 from adapters.scanning import Scan, Scanned
 from adapters.watched import POLLS_IN_A_STRETCH, Channels, LiveSource, Watched
@@ -20,6 +20,14 @@ if TYPE_CHECKING:
 
 CONFIRM = 60.0
 """Nodes with a subscription are read as well after this time, in s."""
+
+MOST = 2000
+"""Variables that one scan looks at."""
+
+_STATE = "i=2259"
+"""The node of the server's own state."""
+
+HEADINGS = ("node", "name", "value", "unit", "status")
 
 _log = logging.getLogger(__name__)
 
@@ -86,10 +94,18 @@ class OpcuaSource(LiveSource):
 
     async def scan(self, wanted: Scan) -> Scanned:
         """The variables of the server whose values are numbers."""
-        from adapters.opcua.scan import scan
-
         async with self._opened(self._made) as link:
-            return await scan(link)
+            names = await link.variables(MOST)
+            seen = await link.read(list(names))
+            numeric = [node for node in names if seen[node].judged().fault is not Fault.NON_NUMERIC]
+            units = await link.units(numeric)
+        rows: list[tuple[str, ...]] = [HEADINGS]
+        for node in numeric:
+            raw, status = seen[node].judged().raw, seen[node].status
+            rows.append((node, names[node], "-" if raw is None else f"{raw:.6g}", units.get(node, "-"), status))
+        remarks = [f"the first {MOST} variables were looked at"] if len(names) >= MOST else []
+        none = [] if numeric else ["the server has no variable whose value is a number"]
+        return Scanned(rows, remarks + none)
 
     def _made(self) -> OpcuaLink:
         from adapters.opcua.client import OpcuaLink
@@ -113,11 +129,10 @@ class OpcuaSource(LiveSource):
         told = link.taken()
         self._subscribed |= {node: told[node] for node in self._subscribed.keys() & told.keys()}
         to_read = [node for node in self._channels.points if everything or node not in self._subscribed]
-        if not to_read:
-            await link.check()
-        found = await link.read(to_read)
+        # Where nothing is to be read, the server has to answer all the same.
+        found = await link.read(to_read or [_STATE])
         self._subscribed |= {node: found[node] for node in self._subscribed.keys() & found.keys()}
-        return found | self._subscribed
+        return {node: found[node] for node in to_read} | self._subscribed
 
     def _readings(self, node: str, seen: Seen, polled: float, now: float) -> list[Reading]:
         """The readings that `seen` brings, between the last poll and now, UTC s."""

@@ -45,14 +45,12 @@ def numbers(document: object) -> Iterator[tuple[str, float]]:
             with suppress(OverflowError):
                 yield place, float(found)
             continue
-        inner: list[tuple[object, object]] = []
-        if isinstance(found, dict):
-            inner = list(found.items())
-        elif isinstance(found, list):
+        inner: list[tuple[object, object]] = list(found.items()) if isinstance(found, dict) else []
+        if isinstance(found, list):
             inner = list(enumerate(found))
-        waiting += [(f"{place}/{write(str(token))}", value) for token, value in reversed(inner)]
+        waiting += [(place + written([str(token)]), value) for token, value in reversed(inner)]
 
 
-def write(token: str) -> str:
-    """A reference token as it stands in a pointer."""
-    return token.replace("~", "~0").replace("/", "~1")
+def written(tokens: Sequence[str]) -> str:
+    """The pointer with these reference tokens."""
+    return "".join("/" + token.replace("~", "~0").replace("/", "~1") for token in tokens)

@@ -82,7 +82,7 @@ class PrometheusConfig(SeriesConfig):
     @property
     def asked(self) -> Database:
         """The database."""
-        return Prometheus(self.server)
+        return Prometheus(self)
 
 
 def influx_query(value: object) -> str:
@@ -111,4 +111,4 @@ class InfluxConfig(SeriesConfig):
     @property
     def asked(self) -> Database:
         """The database."""
-        return InfluxDB(self.server, self.database)
+        return InfluxDB(self)

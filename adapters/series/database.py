@@ -6,14 +6,15 @@ import asyncio
 import base64
 import json
 import re
+import time
 import urllib.error
 import urllib.request
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
 from http.client import HTTPException
 from math import isfinite
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 from urllib.parse import urlencode
 
 import numpy as np
@@ -27,6 +28,9 @@ _TIMEOUT = 60.0
 
 _LARGEST = 64 * 2**20
 """Bytes of an answer at most; a page of 5,000 numbers has a hundredth of it."""
+
+_LOOK_BACK = 100
+"""Steps in which the newest value of a channel is searched."""
 
 _SAID = 200
 """Characters of an error that the database tells at most."""
@@ -91,64 +95,74 @@ class Server:
         return body
 
 
-class Database(Protocol):
-    """A database of time series."""
+class Database:
+    """A history that is asked for a stretch of time: from the `begin` of its `table` to its end, or else to now."""
 
-    async def points(self, query: str, begin: float, end: float, step: float) -> Points:
-        """What `query` gives in [begin, end), UTC s, one point every `step` s at most. Raises SourceError."""
-        ...
+    def __init__(self, table: Any) -> None:
+        self.table = table
+
+    async def points(self, channel: Any, begin: float, end: float, counter: bool) -> Points:
+        """What `channel` has in [begin, end), UTC s, one point every `step` s at most; of a counter what it showed.
+        Raises SourceError."""
+        raise NotImplementedError
+
+    async def newest(self, channel: Any) -> Points:
+        """Points of `channel`, the last of which is its newest; none if there is nothing new. Raises SourceError."""
+        _, end = await self.span([channel])
+        return await self.points(channel, end - _LOOK_BACK * self.table.step, end, False)
+
+    async def span(self, channels: Sequence[Any]) -> tuple[float, float]:
+        """The stretch of time in which `channels` have values, UTC s. Raises SourceError."""
+        return self.table.begin, time.time() if self.table.end is None else self.table.end
+
+    def problems(self, channels: Sequence[Any]) -> list[str]:
+        """What is wrong with `channels`, one sentence each, as far as that can be told without asking a server."""
+        return []
 
     async def close(self) -> None:
         """Release what it holds; safe to call twice."""
-        return
 
 
-@dataclass(frozen=True)
 class Prometheus(Database):
     """Prometheus, VictoriaMetrics and others with its range queries."""
 
-    server: Server
-
-    async def points(self, query: str, begin: float, end: float, step: float) -> Points:
-        """The values of the PromQL expression `query` at begin, begin + step, ..., each at most 5 min old."""
+    async def points(self, channel: Any, begin: float, end: float, counter: bool) -> Points:
+        """The values of a PromQL expression at begin, begin + step, ..., each at most 5 min old."""
+        query, step, server = channel.query, self.table.step, self.table.server
         asked = {"query": query, "start": f"{begin:.3f}", "end": f"{end - 1e-3:.3f}", "step": f"{step:g}"}
-        answer = await self.server.ask("/api/v1/query_range", asked)
+        answer = await server.ask("/api/v1/query_range", asked)
         try:
             found = answer["data"]["result"]
             if len(found) > 1:
                 labels = ", ".join(json.dumps(one["metric"]) for one in found[:3])
                 remedy = "add labels, or an aggregation such as avg(...)"
                 raise SourceConfigError(f"'{query}' gives {len(found)} series ({labels}, ...); {remedy}")
-            return _points([(time, float(value)) for time, value in found[0]["values"]] if found else [])
+            return _points([(when, float(value)) for when, value in found[0]["values"]] if found else [])
         except (KeyError, TypeError, IndexError, ValueError) as error:
-            raise _surprising(self.server) from error
+            raise _surprising(server) from error
 
 
-@dataclass(frozen=True)
 class InfluxDB(Database):
     """InfluxDB, versions 1, 2 and 3, by the interface of version 1: InfluxQL over `/query`."""
 
-    server: Server
-    name: str
-    """Of the database; of the bucket in version 2."""
-
-    async def points(self, query: str, begin: float, end: float, step: float) -> Points:
-        """The means over every `step` of what `query`, such as `"value" FROM "degC" WHERE "room" = '101'`, selects."""
+    async def points(self, channel: Any, begin: float, end: float, counter: bool) -> Points:
+        """The means over every step of what a query such as `"value" FROM "degC" WHERE "room" = '101'` selects."""
+        query, server = channel.query, self.table.server
         field, source, condition = parts(query)
-        first, last, every = round(1000 * begin), round(1000 * end), round(1000 * step)
+        first, last, every = round(1000 * begin), round(1000 * end), round(1000 * self.table.step)
         where = f"time >= {first:d}ms AND time < {last:d}ms"
         if condition:
             where = f"({condition}) AND {where}"
         asked = f"SELECT mean({field}) FROM {source} WHERE {where} GROUP BY time({every:d}ms) fill(none)"
-        answer = await self.server.ask("/query", {"db": self.name, "epoch": "ms", "q": asked})
+        answer = await server.ask("/query", {"db": self.table.database, "epoch": "ms", "q": asked})
         try:
             (result,) = answer["results"]
             if "error" in result:
-                raise SourceConfigError(f"{self.server.url} refuses '{query}': {result['error'][:_SAID]}")
+                raise SourceConfigError(f"{server.url} refuses '{query}': {result['error'][:_SAID]}")
             rows = [row for series in result.get("series", ()) for row in series["values"]]
             return _points([(milliseconds / 1000, float(value)) for milliseconds, value in rows if value is not None])
         except (KeyError, TypeError, ValueError) as error:
-            raise _surprising(self.server) from error
+            raise _surprising(server) from error
 
 
 def parts(query: str) -> tuple[str, str, str]:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator
-from contextlib import suppress
+from functools import partial
 
 from adapters.errors import SourceError, SourceUnavailable
-from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
+from adapters.messages.inbox import LONGEST_PAYLOAD, Inbox
 from adapters.weather.document import parse
 from adapters.weather.forecast import WeatherForecast
 from adapters.zenoh.access import ANYBODY, collecting
 from adapters.zenoh.connection import SessionConfig
 from adapters.zenoh.link import ZenohLink, key_problem
+
+_WAIT = 60.0
 
 
 class HeardForecasts:
@@ -31,18 +32,9 @@ class HeardForecasts:
 
     async def forecasts(self) -> AsyncIterator[WeatherForecast]:
         """Every document as it comes, beginning with the last one if its publisher keeps it."""
-        loop, newest = asyncio.get_running_loop(), asyncio.Queue[Incoming](maxsize=1)
-
-        def keep(sample: Incoming) -> None:
-            # Only the newest forecast matters.
-            with suppress(asyncio.QueueEmpty):
-                newest.get_nowait()
-            newest.put_nowait(sample)
-
-        def heard(sample: Incoming) -> None:
-            with suppress(RuntimeError):
-                loop.call_soon_threadsafe(keep, sample)
-
+        # Only the newest forecast matters.
+        inbox = Inbox([self._key], 1)
+        heard = partial(inbox.put, self._key)
         try:
             await self.close()
             self._link = link = ZenohLink(self._session, collecting((ANYBODY,), relaying=False))
@@ -50,11 +42,13 @@ class HeardForecasts:
             link.subscribe(self._key, heard, last=True)
             link.ask(self._key, heard, 5.0)
             while True:
-                sample = await newest.get()
-                if sample.payload is None:
-                    long = f"has {sample.size} bytes; at most {LONGEST_PAYLOAD} are read"
-                    raise SourceUnavailable(f"the document on {sample.key} {long if sample.size else 'was deleted'}")
-                yield parse(sample.payload, sample.arrived if sample.stamp is None else sample.stamp)
+                await inbox.wait(_WAIT)
+                for _, sample, _ in inbox.waiting():
+                    if sample.payload is None:
+                        long = f"has {sample.size} bytes; at most {LONGEST_PAYLOAD} are read"
+                        what = long if sample.size else "was deleted"
+                        raise SourceUnavailable(f"the document on {sample.key} {what}")
+                    yield parse(sample.payload, sample.arrived if sample.stamp is None else sample.stamp)
         except SourceError as error:
             raise SourceUnavailable(f"weather.{self.name}: {error}") from error
 

@@ -19,47 +19,39 @@ _EVERY_KEY = ("**", "**/@adv/**")
 
 def publishing(key: str) -> dict[str, object]:
     """Everyone may ask, and we alone tell, on `key` and nothing else."""
-    return _access_control(
-        [("ask", _ASK, "ingress", _EVERY_KEY), ("tell", _TELL, "egress", (key,))], {"all": ("ask", "tell")}, ()
-    )
+    return _access_control([_rule("ask", _ASK, "ingress"), _rule("tell", _TELL, "egress", (key,))], ())
 
 
 def collecting(writers: Sequence[str], relaying: bool) -> dict[str, object]:
     """We ask, and only `writers`, names or ANYBODY, may tell; if `relaying`, others may ask too and are told."""
-    rules = [("ask", _ASK, "egress", _EVERY_KEY), ("tell", _TELL, "ingress", _EVERY_KEY)]
-    everyone: tuple[str, ...] = ("ask",)
+    rules = [_rule("ask", _ASK, "egress")]
     if relaying:
-        rules += [("be-asked", _ASK, "ingress", _EVERY_KEY), ("relay", _TELL, "egress", _EVERY_KEY)]
-        everyone += ("be-asked", "relay")
+        rules += [_rule("be-asked", _ASK, "ingress"), _rule("relay", _TELL, "egress")]
+    tell = _rule("tell", _TELL, "ingress")
     if ANYBODY in writers:
-        return _access_control(rules, {"all": (*everyone, "tell")}, ())
-    return _access_control(rules, {"all": everyone, "named": ("tell",)}, writers)
+        return _access_control([*rules, tell], ())
+    return _access_control(rules, writers, [tell])
+
+
+def _rule(id: str, messages: Sequence[str], flow: str, keys: Sequence[str] = _EVERY_KEY) -> dict[str, object]:
+    return {"id": id, "messages": list(messages), "flows": [flow], "permission": "allow", "key_exprs": list(keys)}
 
 
 def _access_control(
-    rules: Sequence[tuple[str, Sequence[str], str, Sequence[str]]],
-    policies: dict[str, tuple[str, ...]],
-    names: Sequence[str],
+    rules: Sequence[dict[str, object]], names: Sequence[str], of_the_named: Sequence[dict[str, object]] = ()
 ) -> dict[str, object]:
-    """`rules` as (id, messages, flow, keys); `policies` name the rules of "all" and of the "named" ones."""
-    # What a subject does not say fits everyone; one that says both user and certificate would want both.
-    subjects: dict[str, list[dict[str, object]]] = {
-        "all": [{"id": "all"}],
-        "named": [
-            {"id": "user", "usernames": list(names)},
-            {"id": "certificate", "cert_common_names": list(names)},
-        ],
-    }
+    """`rules` for everyone, and those `of_the_named` for the users and certificates with `names`."""
+    subjects: list[dict[str, object]] = [{"id": "all"}]
+    policies = [{"rules": [rule["id"] for rule in rules], "subjects": ["all"]}]
+    if of_the_named:
+        # What a subject does not say fits everyone; one that says both user and certificate would want both.
+        subjects.append({"id": "user", "usernames": list(names)})
+        subjects.append({"id": "certificate", "cert_common_names": list(names)})
+        policies.append({"rules": [rule["id"] for rule in of_the_named], "subjects": ["user", "certificate"]})
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": [
-            {"id": id, "messages": list(messages), "flows": [flow], "permission": "allow", "key_exprs": list(keys)}
-            for id, messages, flow, keys in rules
-        ],
-        "subjects": [subject for group in policies for subject in subjects[group]],
-        "policies": [
-            {"rules": list(allowed), "subjects": [subject["id"] for subject in subjects[group]]}
-            for group, allowed in policies.items()
-        ],
+        "rules": [*rules, *of_the_named],
+        "subjects": subjects,
+        "policies": policies,
     }

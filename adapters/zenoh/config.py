@@ -7,8 +7,7 @@ from typing import ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from adapters.fields.values import Duration, Text
-from adapters.messages.config import MessageChannelConfig, MessagesConfig, times_of
-from adapters.messages.dating import TIMES
+from adapters.messages.config import TIMES, MessageChannelConfig, MessagesConfig, times_of
 from adapters.zenoh.access import ANYBODY, collecting
 from adapters.zenoh.connection import Mode, SessionConfig
 
@@ -29,6 +28,7 @@ class ZenohSourceConfig(SessionConfig, MessagesConfig):
 
     channel: ClassVar = ZenohChannelConfig
     example: ClassVar = 'key = "..."'
+    noun: ClassVar = "key"
     source: ClassVar = "adapters.zenoh.source:ZenohSource"
 
     kind: Literal["zenoh"] = "zenoh"

@@ -100,17 +100,11 @@ def parse_spec(text: str) -> FaultSpec:
     try:
         return FaultSpec.model_validate(given)
     except ValidationError as error:
-        raise FaultError(f"--fault {text}: {explain(error)}") from None
+        wrong = (f"{'.'.join(map(str, one['loc']))}: {own_sentence(one) or one['msg']}" for one in error.errors())
+        raise FaultError(f"--fault {text}: {'; '.join(wrong)}") from None
 
 
 _EXAMPLE = "drift:room1/T_air,value=0.5,after=10min,for=1h"
-
-
-def explain(error: ValidationError) -> str:
-    """What is wrong, in one sentence."""
-    return "; ".join(
-        f"{'.'.join(map(str, problem['loc']))}: {own_sentence(problem) or problem['msg']}" for problem in error.errors()
-    )
 
 
 class FaultBoard:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import signal
 from collections.abc import Callable, Coroutine, Sequence
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from adapters.cancelling import in_thread
 from replay.bms import register_map
 from replay.bms.bacnet import objects as bacnet_objects
 from replay.bms.control import create_control
@@ -27,6 +28,9 @@ from service.web.server.server import HttpServer
 
 if TYPE_CHECKING:
     from replay.bms.bacnet.server import BacnetServer
+
+_CLOSE_SECONDS = 1.0
+"""After this time the Zenoh session is left to the end of the process."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,7 @@ async def serve(options: BmsOptions, stop: asyncio.Event, ready: Callable[[list[
             works.append(bacnet.run)
         if options.zenoh is not None:
             publisher = await asyncio.to_thread(ZenohPublisher.open, options.zenoh, simulation)
-            opened.push_async_callback(asyncio.to_thread, publisher.close)
+            opened.push_async_callback(_closed, publisher)
             works.append(publisher.run)
         if options.config is not None:
             write_config(options.config, simulation, modbus.port, options.overrides)
@@ -89,6 +93,12 @@ async def serve(options: BmsOptions, stop: asyncio.Event, ready: Callable[[list[
         ready(_greeting(options, simulation, modbus.port, bacnet.port if bacnet else None, http.url))
         await _until(stop, tasks)
         await http.stop(tasks[0])
+
+
+async def _closed(publisher: ZenohPublisher) -> None:
+    with suppress(TimeoutError):
+        async with asyncio.timeout(_CLOSE_SECONDS):
+            await in_thread(publisher.close)
 
 
 async def _bacnet(simulation: Simulation, port: int) -> BacnetServer:

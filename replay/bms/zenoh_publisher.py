@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import json
-import logging
 import math
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 
 import zenoh
 import zenoh.ext
@@ -24,11 +23,8 @@ from replay.errors import ReplayError
 
 CACHED = 60
 """Samples that each publisher keeps for those who come back."""
-_CLOSE_SECONDS = 1.0
 _EVERY = 1.0
 _SENML_UNITS = {"degC": "Cel", "1": "/"}  # RFC 8428 and 8798; the others are written as they are
-
-_log = logging.getLogger(__name__)
 
 
 class ZenohPublisher:
@@ -91,20 +87,10 @@ class ZenohPublisher:
                 self._publishers[key].put(payload)
 
     def close(self) -> None:
-        """Undeclare everything and close the session; gives up after a second rather than hang."""
-        closing = threading.Thread(target=self._undeclare, name="zenoh-close", daemon=True)
-        closing.start()
-        closing.join(_CLOSE_SECONDS)
-        if closing.is_alive():
-            _log.warning("the Zenoh session did not close within %g s; left to the end of the process", _CLOSE_SECONDS)
-
-    def _undeclare(self) -> None:
-        steps: list[Callable[[], object]] = [publisher.undeclare for publisher in self._publishers.values()]
-        for step in (*steps, self._session.close):
-            try:
+        """Undeclare everything and close the session; may take for ever."""
+        for step in (*(publisher.undeclare for publisher in self._publishers.values()), self._session.close):
+            with suppress(zenoh.ZError):
                 step()
-            except zenoh.ZError as error:
-                _log.debug("while closing Zenoh: %s", error)
 
 
 def _payloads(device: Device, values: Mapping[Channel, float], stamp: float) -> Iterator[tuple[str, bytes]]:

@@ -8,9 +8,8 @@ from typing import Any
 
 from support.sources import bound, source_table
 
-from adapters.messages.dating import TIMES, Dating
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
-from adapters.messages.points import MessageChannel, MessageChannels, probed
+from adapters.messages.points import MessageChannel, MessageChannels
 from adapters.reading import Quality
 
 NOW = 1_772_000_000.0
@@ -30,7 +29,7 @@ def become_readings(
     incoming = Incoming("k", fits, len(payload), stamp, NOW, retained)
     pairs = [(form, edge) for form in forms for edge in EDGES]
     listed = [bound(TABLE, f"z/{k}", key="k", **form | edge) for k, (form, edge) in enumerate(pairs)]
-    channels = MessageChannels("bms", listed, Dating(TIMES), 900.0)
+    channels = MessageChannels("bms", listed, TABLE)
     for _ in range(2):
         channels.start_again()
         for reading in channels.came("k", [incoming]):
@@ -39,5 +38,5 @@ def become_readings(
             # A retained value whose age nobody knows is never good.
             assert not retained or reading.time != NOW or reading.quality is not Quality.GOOD
     for binding in listed:
-        shown = probed(MessageChannel(binding, 900.0), Dating(TIMES), [incoming], "nothing came")
+        shown = MessageChannel(binding, TABLE).look([incoming], "nothing came")
         assert "".join((shown.raw, shown.verdict, *shown.hints)).isprintable()

@@ -12,9 +12,9 @@ from fuzz.fuzzing import raw
 from fuzz.messages import NOW, become_readings
 
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
+from adapters.messages.subscribed import described
 from adapters.mqtt.broker import topic_problem
 from adapters.mqtt.client import _incoming
-from adapters.mqtt.source import _described
 
 FORMS: list[dict[str, Any]] = [
     {},
@@ -30,7 +30,7 @@ def published(topic: str, payload: bytes, retained: bool) -> None:
     become_readings(payload, FORMS, retained=retained)
     if topic_problem(topic) is None and topic.isprintable():
         fits = payload if len(payload) <= LONGEST_PAYLOAD else None
-        assert _described(Incoming(topic, fits, len(payload), None, NOW, retained)).isprintable()
+        assert described(Incoming(topic, fits, len(payload), None, NOW, retained)).isprintable()
 
 
 @raw(b"21.5", b"", DOCUMENT, b'[{"n": "T", "v": 21.5}]', b"9" * 70_000, examples=200)

@@ -13,9 +13,10 @@ from fuzz.messages import EDGES, NOW, TABLE, become_readings
 from hypothesis import strategies as st
 from support.sources import bound, source_table
 
+from adapters.messages.config import MessageChannelConfig
+from adapters.messages.decoding import Decoded, Rejected, decode
 from adapters.payload import json_pointer
 from adapters.payload.line_protocol import UNITS_PER_SECOND, points
-from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode
 from adapters.payload.times import TIME_FORMATS, parse_time
 from adapters.reading import Quality
 from service.web.readings import read, unpacked
@@ -46,11 +47,11 @@ PLAIN: dict[str, Any] = {}
 def taken(payload: bytes, *forms: dict[str, Any], stamp: float | None = None) -> None:
     """What the payload says in each of `forms` has the form that it should have, and becomes readings."""
     for form in forms:
-        said(payload, bound(TABLE, "z/T", key="k", **form).channel.payload_format)
+        said(payload, bound(TABLE, "z/T", key="k", **form).channel)
     become_readings(payload, [{key: form[key] for key in form if key != "unit"} for form in forms], stamp)
 
 
-def said(payload: bytes, form: PayloadFormat) -> list[Decoded | Rejected]:
+def said(payload: bytes, form: MessageChannelConfig) -> list[Decoded | Rejected]:
     """What the payload says, after a look at its form."""
     entries = decode(payload, form, NOW)
     for entry in entries:

@@ -156,17 +156,6 @@ def _device(plant: Plant, unit: int) -> SimDevice:
     return SimDevice(unit, simdata=(coils, discretes, holdings, inputs), action=act)
 
 
-async def collect(source: object, enough: Callable[[list[object]], bool], seconds: float = 180) -> list[object]:
-    """Batches of `source` until there are `enough`; fails after `seconds`."""
-    batches: list[object] = []
-    async with asyncio.timeout(seconds):
-        async for batch in source.batches(None):  # type: ignore[attr-defined]
-            batches.append(batch)
-            if enough(batches):
-                break
-    return batches
-
-
 @contextmanager
 def running(site: Plant, port: int = 0) -> Iterator[Plant]:
     """`site` served by a thread of its own."""

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
+from contextlib import aclosing
 from math import inf
 from pathlib import Path
 from typing import Any
 
+from support.waiting import PATIENCE
+
 from adapters.channel import Binding, SourceConfig
 from adapters.kinds import SOURCE_KINDS
+from adapters.reading import Batch
 
 
 def source_table(kind: str, name: str = "bms", **keys: Any) -> Any:
@@ -32,3 +37,26 @@ def recording(
     stamp = {"column": column} | {key: keys.pop(key) for key in ("format", "zone") if key in keys}
     table = source_table("csv", files=list(files), timestamp=stamp, **keys)
     return table.build(name, [bound(table, **one) for one in channels])
+
+
+def values(batches: Iterable[Batch]) -> dict[str, Any]:
+    """The latest value of every channel, or its fault."""
+    return {reading.channel: reading.fault or reading.value for batch in batches for reading in batch.readings}
+
+
+async def collect(source: Any, enough: Callable[[list[Batch]], object] = bool) -> list[Batch]:
+    """Batches of `source` until they are `enough`; fails if that takes too long."""
+    batches: list[Batch] = []
+    async with asyncio.timeout(PATIENCE), aclosing(source.batches(None)) as stream:
+        async for batch in stream:
+            batches.append(batch)
+            if enough(batches):
+                break
+    return batches
+
+
+async def exhaust(stream: AsyncIterator[Batch]) -> None:
+    """Take everything that comes."""
+    async with asyncio.timeout(PATIENCE):
+        async for _ in stream:
+            pass

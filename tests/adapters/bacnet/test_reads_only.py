@@ -65,29 +65,6 @@ def _address(port):
     return IPv4Address(f"127.0.0.1:{port}")
 
 
-async def test_a_verb_dug_out_of_the_library_does_not_reach_a_device():
-    port, peer = one_device(None)
-    air = peer.add()
-    async with serving(peer):
-        link = BacnetLink(source_table("bacnet", interface="127.0.0.1/8", port=port), lambda kind: None)
-        await link.open()
-        device = await link.find(1201, None)
-        application = link._application
-        what = ObjectIdentifier(("analog-input", 1))
-        with pytest.raises(NotReading):
-            await application.write_property(device.address, what, "present-value", 5.0)
-        request = WritePropertyRequest(
-            objectIdentifier=what, propertyIdentifier=85, propertyValue=Real(5.0), destination=device.address
-        )
-        with pytest.raises(NotReading):
-            await application.request(request)
-        value = await link.read_one(device, ObjectId(0, 1), 85)
-        assert value == 21.5, "the link goes on"
-        await link.close()
-    assert air.presentValue == 21.5
-    assert set(peer.asked) <= READS
-
-
 async def test_others_can_neither_write_to_it_nor_silence_it():
     """What a stranger asks is refused, and it stays a client that reads."""
 

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("bacpypes3", reason="bacpypes3 is not installed")
 
 from support.bacnet_plant import Bbmd, Peer, free_udp_port, one_device, serving
-from support.sources import bound, source_table
+from support.sources import bound, collect, exhaust, source_table, values
 from support.waiting import PATIENCE, until
 
 import adapters.bacnet.session
@@ -31,31 +31,6 @@ def source(port, channels, lifetime=300.0, **keys):
     quick = {"interface": "127.0.0.1/8", "port": port, "timeout": 2.0, "retries": 0, "poll": 0.05}
     table = source_table("bacnet", **quick | keys).model_copy(update={"lifetime": lifetime})
     return table.build("bms", channels)
-
-
-def values(batches):
-    """The latest value of every channel, or its fault."""
-    return {reading.channel: reading.fault or reading.value for batch in batches for reading in batch.readings}
-
-
-async def collect(bms, enough):
-    """Batches until they are `enough`."""
-    batches = []
-    async with asyncio.timeout(PATIENCE), aclosing(bms.batches(None)) as stream:
-        async for batch in stream:
-            batches.append(batch)
-            if enough(batches):
-                return batches
-    raise AssertionError("a live source does not end")
-
-
-async def exhaust(stream):
-    async for _ in stream:
-        pass
-
-
-def run(job):
-    return asyncio.run(job)
 
 
 async def test_present_values_are_polled_and_converted():
@@ -94,10 +69,10 @@ def test_answers_stay_within_what_the_device_can_send():
             return values(batches), peer.asked
 
     expected = {f"z/c{number}": float(number) for number in range(1, 13)}
-    found, asked = run(job(206, set()))
+    found, asked = asyncio.run(job(206, set()))
     assert found == expected
     assert asked.count("ReadPropertyMultipleRequest") == 2 * 3, "units and values, five objects at once"
-    found, asked = run(job(1024, {"ReadPropertyMultipleRequest"}))
+    found, asked = asyncio.run(job(1024, {"ReadPropertyMultipleRequest"}))
     assert found == expected
     assert asked.count("ReadPropertyRequest") == 2 + 3 * 12
 
@@ -115,12 +90,6 @@ async def test_a_device_that_denies_what_it_offers_is_asked_one_by_one():
         peer.get_services_supported = lambda: _with(services(), 14)
         found = values(await collect(source(port, [channel(), channel("two", "analog-input,2")]), bool))
     assert found == {"z/T": 21.5, "z/two": 5.0}
-
-
-async def ended(stream):
-    async with asyncio.timeout(PATIENCE):
-        async for _ in stream:
-            pass
 
 
 async def test_a_subscription_brings_changes_and_polling_stops(monkeypatch):
@@ -150,7 +119,7 @@ async def test_a_subscription_brings_changes_and_polling_stops(monkeypatch):
         assert before - 1 < batch.readings[0].time <= time.time(), "what holds is said again in every poll"
         peer.silent = True
         with pytest.raises(SourceUnavailable, match="no answer from"):
-            await ended(stream)
+            await exhaust(stream)
 
 
 async def test_what_is_subscribed_to_is_confirmed_and_renewed(monkeypatch):
@@ -192,31 +161,18 @@ async def test_what_is_not_offered_is_polled(caplog):
     assert caplog.text.count("offers no subscription to analog-input,2 (resources error no-space-to-add") == 1
 
 
-@pytest.mark.parametrize(
-    ("state", "expected"),
-    [
-        ({"eventState": "offnormal"}, (21.5, Quality.GOOD, None)),
-        ({"overridden": True}, (21.5, Quality.UNCERTAIN, None)),
-        ({"reliability": "noSensor"}, (None, Quality.BAD, Fault.REPORTED_BAD)),
-        ({"outOfService": True}, (None, Quality.BAD, Fault.REPORTED_BAD)),
-    ],
-)
-async def test_status_flags_become_quality(state, expected):
-    port, peer = one_device(None)
-    peer.add(**state)
-    async with serving(peer):
-        (batch,) = await collect(source(port, [channel()]), bool)
-        (reading,) = batch.readings
-        found = None if math.isnan(reading.value) else reading.value, reading.quality, reading.fault
-    assert found == expected
-
-
 async def test_values_that_cannot_be_used():
     port, peer = one_device(None)
     peer.add("analog-input,1", 71.5, "degreesFahrenheit")
     peer.add("analog-input,2", math.nan)
     peer.add("analog-input,3", 200.0)
+    peer.add("analog-input,4", reliability="noSensor")
+    peer.add("analog-input,5", outOfService=True)
+    peer.add("analog-input,6", overridden=True)
     channels = [
+        channel("sensor", "analog-input,4"),
+        channel("service", "analog-input,5"),
+        channel("overridden", "analog-input,6"),
         channel("unit", "analog-input,1"),
         channel("ignored", "analog-input,1", compare_units=False),
         channel("nan", "analog-input,2"),
@@ -224,8 +180,12 @@ async def test_values_that_cannot_be_used():
         channel("missing", "analog-input,9"),
     ]
     async with serving(peer):
-        found = values(await collect(source(port, channels), bool))
-    assert found == {
+        batches = await collect(source(port, channels), bool)
+    assert [one.channel for one in batches[0].readings if one.quality is Quality.UNCERTAIN] == ["z/overridden"]
+    assert values(batches) == {
+        "z/sensor": Fault.REPORTED_BAD,
+        "z/service": Fault.REPORTED_BAD,
+        "z/overridden": 21.5,
         "z/unit": Fault.WRONG_UNIT,
         "z/ignored": 71.5,
         "z/nan": Fault.NOT_FINITE,
@@ -489,4 +449,4 @@ def test_without_the_library_or_a_way_to_find_devices_check_says_so(monkeypatch)
         "sources.bms: BACnet needs bacpypes3; install it with: pip install 'thermogate[bacnet]'"
     ]
     with pytest.raises(SourceConfigError, match="needs bacpypes3"):
-        run(source(47808, [channel()]).probe(1.0))
+        asyncio.run(source(47808, [channel()]).probe(1.0))

@@ -9,7 +9,6 @@ import pytest
 from support.sources import bound, source_table
 
 from adapters.messages import subscribed
-from adapters.messages.dating import Dating
 from adapters.messages.inbox import LONGEST_PAYLOAD, MOST_BYTES, MOST_BYTES_OF_ONE, Inbox, Incoming
 from adapters.messages.points import MessageChannels
 from adapters.messages.subscribed import SubscribedSource
@@ -86,7 +85,7 @@ def test_a_message_is_parsed_once_for_all_channels_that_read_it(monkeypatch: pyt
     monkeypatch.setattr(senml, "records", lambda document: parsed.append(1) or records(document))
     names = [f"T{number}" for number in range(200)]
     listed = [bound(TABLE, f"room/{name}", key="k", format="senml", record=name) for name in names]
-    channels = MessageChannels("bms", listed, Dating(("arrival",)), 900.0)
+    channels = MessageChannels("bms", listed, TABLE)
     sound = json.dumps([{"n": name, "v": 20} for name in names]).encode()
     for payload, count in ((sound, 200), (b'[{"n": 1}]', 200)):
         parsed.clear()
@@ -105,7 +104,7 @@ def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered_meanw
         inbox = Inbox(["k"], 1000)
         for _ in range(250):
             inbox.put("k", came("k"))
-        source = SubscribedSource("bms", TABLE, [bound(TABLE, "room/T", key="k")], TABLE.times, "key")
+        source = SubscribedSource("bms", TABLE, [bound(TABLE, "room/T", key="k")])
         turns = 0
 
         async def other() -> None:

@@ -6,7 +6,6 @@ from typing import Any
 
 from support.sources import bound, source_table
 
-from adapters.messages.dating import Dating
 from adapters.messages.inbox import Incoming
 from adapters.messages.points import MessageChannels
 from adapters.reading import Fault, Quality, Reading
@@ -23,9 +22,7 @@ RELATIVE = '[{"n": "T", "v": 20, "t": -2}]'
 
 
 def channels(*listed: dict[str, Any]) -> MessageChannels:
-    return MessageChannels(
-        "bms", [bound(TABLE, **one) for one in listed], Dating(("payload", "arrival")), 900.0, "topic"
-    )
+    return MessageChannels("bms", [bound(TABLE, **one) for one in listed], TABLE)
 
 
 def came(arrived: float, payload: object = 20, retained: bool = False) -> Incoming:

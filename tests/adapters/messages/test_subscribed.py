@@ -20,8 +20,6 @@ from support.waiting import between
 from support.zenoh_plant import endpoint, listening, session
 
 import adapters.messages.subscribed
-import adapters.mqtt.source
-import adapters.zenoh.source
 from adapters.messages.inbox import Inbox, Incoming
 
 Keys = dict[str, Any]
@@ -182,10 +180,8 @@ async def test_other_channels_over_the_same_connection(bus: Bus) -> None:
 async def test_places_on_which_nothing_comes_are_said(
     bus: Bus, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    for module in (adapters.mqtt.source, adapters.zenoh.source):
-        monkeypatch.setattr(module, "QUIET", 0.1)
-    for module in (adapters.messages.subscribed, adapters.zenoh.source):
-        monkeypatch.setattr(module, "LOOK", 0.05)
+    for name, seconds in (("QUIET", 0.1), ("LOOK", 0.05)):
+        monkeypatch.setattr(adapters.messages.subscribed, name, seconds)
     caplog.set_level(logging.INFO)
     silence = f"nothing has come for room/T ({bus.noun} bms/room/T) so far; check its {bus.noun} with thermogate probe"
     async with listening(bus.source()) as heard:

@@ -9,26 +9,12 @@ from contextlib import aclosing
 import pytest
 from pymodbus.constants import ExcCodes
 from pymodbus.framer import FramerType
-from support.modbus_plant import READS, channel, collect, plant, serving, source
+from support.modbus_plant import READS, channel, plant, serving, source
+from support.sources import collect, exhaust, values
 
 import adapters.modbus.source
 from adapters.errors import SourceUnavailable
 from adapters.reading import Fault
-
-
-def values(batches):
-    """The latest value of every channel, or its fault."""
-    return {r.channel: r.fault or r.value for batch in batches for r in batch.readings}
-
-
-def run(job):
-    return asyncio.run(job)
-
-
-async def exhaust(stream):
-    async with asyncio.timeout(180):
-        async for _ in stream:
-            pass
 
 
 async def rounds(bms, count, per_round=1):
@@ -75,9 +61,9 @@ def test_a_poll_reads_in_batches_or_one_by_one():
             await collect(bms, lambda batches: len(values(batches)) == 5)
             return site.requests()
 
-    assert run(job(fill_gaps=6)) == [(0, 10), (30, 1)]
-    assert run(job(fill_gaps=6, max_registers=3)) == [(0, 3), (9, 1), (30, 1)]
-    assert run(job(batch=False)) == [(0, 1), (1, 1), (2, 1), (9, 1), (30, 1)]
+    assert asyncio.run(job(fill_gaps=6)) == [(0, 10), (30, 1)]
+    assert asyncio.run(job(fill_gaps=6, max_registers=3)) == [(0, 3), (9, 1), (30, 1)]
+    assert asyncio.run(job(batch=False)) == [(0, 1), (1, 1), (2, 1), (9, 1), (30, 1)]
 
 
 @pytest.mark.parametrize(("registers", "requests"), [(125, [(0, 61)]), (2, [(0, 31), (60, 1)])])

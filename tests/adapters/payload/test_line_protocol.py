@@ -56,22 +56,21 @@ def test_precision(precision: str, stamp: str) -> None:
     assert point.time == (1.0 if precision == "s" else 1.5)
 
 
+FIELD = "a field is key=value with a number, true, false or a text in quotes"
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("a", "line 1: fields follow after a blank, not the end of the line"),
-        ("ok b=1\n\nbad", "line 3: fields follow after a blank, not the end of the line"),
-        ("a b", "line 1: a field is key=value, not the end of the line"),
-        ("a b=1,", "line 1: a field is key=value, not the end of the line"),
-        ("a b=nan", "line 1: a value is a number, true, false or a text in quotes, not 'nan'"),
-        ("a b=1_0", "line 1: a value is a number, true, false or a text in quotes, not '1_0'"),
-        ('a b="open', "line 1: a value is a number, true, false or a text in quotes, not '\"open'"),
-        ("a b=1 soon", "line 1: a line ends with its time, a whole number, not 'soon'"),
-        ("a b=1 1.5", "line 1: a line ends with its time, a whole number, not '1.5'"),
-        ("a,t b=1", "line 1: a tag is key=value, not ' b=1'"),
-        ("a,t= b=1", "line 1: a tag is key=value, not ' b=1'"),
-        (",t=1 b=1", "line 1: a line begins with a measurement, not ',t=1 b=1'"),
-        (f"a b={'9' * 500}", f"line 1: a value is a number, true, false or a text in quotes, not '{'9' * 40}'"),
+        ("a", "line 1: a line is a measurement, tags such as ,room=1, a blank and fields, not 'a'"),
+        ("ok b=1\n\nbad", "line 3: a line is a measurement, tags such as ,room=1, a blank and fields, not 'bad'"),
+        ("a,t= b=1", "line 1: a line is a measurement, tags such as ,room=1, a blank and fields, not 'a,t= b=1'"),
+        (",t=1 b=1", "line 1: a line is a measurement, tags such as ,room=1, a blank and fields, not ',t=1 b=1'"),
+        *((f"a {wrong}", f"line 1: {FIELD}, not {wrong!r}") for wrong in ("b", "b=nan", "b=1_0", 'b="open')),
+        ("a b=1,", f"line 1: {FIELD}, not the end of the line"),
+        ("a b=1 soon", "line 1: a comma and a field follow, or a blank and the time, a whole number, not ' soon'"),
+        ("a b=1 1.5", "line 1: a comma and a field follow, or a blank and the time, a whole number, not ' 1.5'"),
+        (f"a b={'9' * 500}", f"line 1: {FIELD}, not 'b={'9' * 38}'"),
     ],
 )
 def test_what_is_no_line_is_refused_with_its_place(text: str, sentence: str) -> None:

@@ -7,22 +7,28 @@ from zoneinfo import ZoneInfo
 import pytest
 from support.sources import bound, source_table
 
-from adapters.messages.dating import Dating
+from adapters.messages.decoding import Decoded, Rejected, decode, shown
 from adapters.messages.inbox import Incoming
-from adapters.messages.points import MessageChannel, MessageChannels, probed
-from adapters.payload.json_pointer import parse
-from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode, shown
+from adapters.messages.points import MessageChannel, MessageChannels
 from adapters.payload.times import NaiveTime, parse_time
 from adapters.reading import Fault, Quality
 
 NOON = 1_768_478_400.0  # 2026-01-15T12:00:00Z
-PLAIN = PayloadFormat()
-JSON = PayloadFormat("json", parse("/present/value"), parse("/time"), parse("/quality"))
+TABLE = source_table("zenoh", connect=["tcp/127.0.0.1:1"])
 
 
-def one(payload, form=PLAIN):
+def form(format="json", **keys):
+    """A channel that reads payloads written so."""
+    return bound(TABLE, "z/T", key="k", format=format, **keys).channel
+
+
+PLAIN = form("plain")
+JSON = form(value="/present/value", time="/time", quality="/quality")
+
+
+def one(payload, written=PLAIN):
     payload = payload if isinstance(payload, bytes) else json.dumps(payload).encode()
-    (entry,) = decode(payload, form, NOON)
+    (entry,) = decode(payload, written, NOON)
     return entry
 
 
@@ -65,13 +71,13 @@ def test_json_by_pointers():
 
 
 def test_the_whole_document_can_be_the_value():
-    assert one(21, PayloadFormat("json", parse(""))) == Decoded(21.0)
+    assert one(21, form(value="")) == Decoded(21.0)
 
 
 def test_no_time_and_no_quality_are_defined():
     assert one({"present": {"value": 3}}, JSON) == Decoded(3.0, None, False, Quality.UNCERTAIN)
     assert one(document(time=None, quality=None), JSON) == Decoded(21.5, None, False, Quality.UNCERTAIN)
-    assert one(document(), PayloadFormat("json", parse("/present/value"))) == Decoded(21.5)
+    assert one(document(), form(value="/present/value")) == Decoded(21.5)
 
 
 @pytest.mark.parametrize(
@@ -99,13 +105,11 @@ def test_json_that_is_malformed(payload):
 
 
 def test_qualities_are_what_the_operator_says():
-    form = PayloadFormat(
-        "json", parse("/v"), None, parse("/q"), good=frozenset({"192", "true"}), uncertain=frozenset({"64"})
-    )
-    found = {word: one({"v": 1, "q": word}, form) for word in (192, 192.0, "192", 64)}
+    words = form(value="/v", quality="/q", good=[192, True], uncertain=["64"])
+    found = {word: one({"v": 1, "q": word}, words) for word in (192, 192.0, "192", 64)}
     assert [entry.quality for entry in found.values()] == [Quality.GOOD, Quality.GOOD, Quality.UNCERTAIN]
-    assert one({"v": 1, "q": True}, form).quality is Quality.GOOD
-    assert one({"v": 1, "q": "good"}, form).fault is Fault.REPORTED_BAD
+    assert one({"v": 1, "q": True}, words).quality is Quality.GOOD
+    assert one({"v": 1, "q": "good"}, words).fault is Fault.REPORTED_BAD
 
 
 @pytest.mark.parametrize(
@@ -147,7 +151,8 @@ def test_local_times_need_a_zone_and_the_hour_that_comes_twice_is_the_one_that_i
 
 
 def senml(**settings):
-    return PayloadFormat("senml", **settings)
+    # Of a scaled value a device may state any unit.
+    return form("senml", **({} if "unit" in settings else {"scale": 2.0}), **settings)
 
 
 def test_base_fields_are_resolved_and_records_told_apart():
@@ -226,19 +231,18 @@ def test_payloads_are_shown_short_and_on_one_line():
     "pack", [b'[{"v": 1, "t": 1e999}]', b'[{"v": 1, "bt": 1e308, "t": 1e308}]', b'[{"v": 1, "t": NaN}]']
 )
 def test_a_senml_time_that_is_not_finite_is_refused(pack):
-    assert one(pack, PayloadFormat("senml")).fault is Fault.BAD_TIMESTAMP
+    assert one(pack, senml()).fault is Fault.BAD_TIMESTAMP
 
 
 @pytest.mark.parametrize("time", [-1.0, -62135596801.0, -1e17])
 def test_a_time_before_1970_is_refused_and_can_be_probed(time):
-    table = source_table("zenoh", connect=["tcp/127.0.0.1:1"], format="json", time_format="epoch")
-    binding = bound(table, "z/T", key="bms/T", value="/present/value", time="/time")
+    binding = bound(TABLE, "z/T", key="k", format="json", time_format="epoch", value="/present/value", time="/time")
     payload = json.dumps(document(time=time)).encode()
-    incoming = Incoming("bms/T", payload, len(payload), None, NOON)
-    channel = MessageChannel(binding, 900.0)
-    (reading,) = MessageChannels("bms", [binding], Dating(), 900.0).came("bms/T", [incoming])
+    incoming = Incoming("k", payload, len(payload), None, NOON)
+    (reading,) = MessageChannels("bms", [binding], TABLE).came("k", [incoming])
     assert (reading.fault, reading.time) == (Fault.BAD_TIMESTAMP, NOON)
-    assert probed(channel, Dating(), [incoming], "").verdict.endswith("is dated before 1970; look at time_format")
+    probe = MessageChannel(binding, TABLE).look([incoming], "")
+    assert probe.verdict.endswith("is dated before 1970; look at time_format")
 
 
 @pytest.mark.parametrize(

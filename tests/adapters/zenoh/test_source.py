@@ -257,8 +257,7 @@ async def test_a_listener_that_nobody_connects_to_stays_open_and_says_so(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(adapters.zenoh.source, "LOST", 0.1)
-    for module in (adapters.zenoh.source, adapters.messages.subscribed):
-        monkeypatch.setattr(module, "LOOK", 0.05)
+    monkeypatch.setattr(adapters.messages.subscribed, "LOOK", 0.05)
 
     place = endpoint()
     async with listening(source({"mode": "peer", "listen": [place]})) as heard:
