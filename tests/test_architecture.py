@@ -41,7 +41,7 @@ LEVELS = {
         {"channel"},
         {"edge", "rhythm", "fields", "routing"},
         {"reading", "units", "timestamps", "holidays", "scanning"},
-        {"errors", "cancelling"},
+        {"errors", "cancelling", "background"},
     ),
     "service": (
         {"__main__"},

@@ -29,7 +29,7 @@ from adapters.fields.durations import format_duration, parse_duration
 from adapters.fields.logins import CertificatesConfig, LoginConfig
 from adapters.fields.sizes import format_size
 from adapters.kinds import SOURCE_KINDS
-from adapters.messages.config import MessageChannelConfig
+from adapters.messages.config import MessageChannelConfig, pointer
 from adapters.mqtt.broker import BrokerConfig
 from adapters.series import config as series
 from adapters.weather.config import WEATHER_KINDS
@@ -70,6 +70,7 @@ SHAPES = {
     values.pace: '`"max"` or number > 0',
     values.delimiter: "one character",
     bacnet.lifetime: "duration, 30 s to 1 d",
+    pointer: "text",
     series.moment: "time",
 }
 """What a check of a value asks for."""

@@ -138,7 +138,6 @@ class BacnetConfig(LiveConfig):
 
     @property
     def described(self) -> str:
-        """What it reads, for the summary of a check."""
         through = f" through the BBMD {self.bbmd}" if self.bbmd else ""
         return f"BACnet/IP from {self.interface} port {self.port}{through}, polled every {format_duration(self.poll)}"
 

@@ -76,7 +76,6 @@ class BacnetSource(LiveSource):
         return problems
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
-        """Poll for ever. `start` is of no concern: what was is gone. Raises SourceUnavailable."""
         arrived: asyncio.Queue[Batch] = asyncio.Queue(_ROOM)
         tasks: dict[int, asyncio.Task[None]] = {}
         async with self._opened(self._made) as link:

@@ -102,6 +102,5 @@ class CsvConfig(LayoutConfig, RecordedConfig):
 
     @property
     def described(self) -> str:
-        """What it reads, for the summary of a check."""
         count = len(self.files)
         return f"{count} file{'' if count == 1 else 's'} ({', '.join(PurePath(file).name for file in self.files)})"

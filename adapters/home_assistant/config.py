@@ -43,10 +43,8 @@ class HomeAssistantConfig(RecordedConfig):
 
     @property
     def described(self) -> str:
-        """What it reads, for the summary of a check."""
         return f"the {self.data} in {self.file.name}"
 
     @property
     def asked(self) -> Database:
-        """The database."""
         return Recorder(self)

@@ -50,5 +50,4 @@ class HttpSourceConfig(LiveConfig):
 
     @property
     def described(self) -> str:
-        """What it reads, for the summary of a check."""
         return "values posted to /readings and /zones/ZONE/readings, with an API key of the scope write"

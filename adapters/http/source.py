@@ -50,7 +50,6 @@ class HttpSource:
         self.rebind(bindings)
 
     def check(self) -> list[str]:
-        """Nothing can be wrong that its tables do not tell."""
         return []
 
     def rebind(self, bindings: Sequence[Binding]) -> None:

@@ -65,10 +65,7 @@ _UNCERTAIN = 'a list of what stands for uncertain, such as ["uncertain", 64]'
 
 
 class MessagesConfig(LiveConfig):
-    """What the table of such a source says of all of its messages. `noun` is what it calls a place that they come
-    on."""
-
-    noun: ClassVar[str]
+    """What the table of such a source says of all of its messages."""
 
     max_ahead: Duration = Field(default=10.0, description="how far a time may be ahead of this machine's clock")
     queue: Count = Field(
@@ -78,7 +75,7 @@ class MessagesConfig(LiveConfig):
         default=900.0, description="counters: readings further apart give no power"
     )
     format: Format = "plain"
-    value: Pointer = ("value",)
+    value: Pointer = Field(default="/value", validate_default=True)
     time: Pointer | None = None
     quality: Pointer | None = None
     time_format: TimeFormat = "iso8601"
@@ -88,7 +85,12 @@ class MessagesConfig(LiveConfig):
 
 
 class MessageChannelConfig(WatchedChannelConfig):
-    """A channel of such a source; what is None is taken over from the source."""
+    """A channel of such a source; what is None is taken over from the source.
+
+    `noun` is what a place is called that messages come on, and the key that says where this one's do.
+    """
+
+    noun: ClassVar[str]
 
     format: Format | None = Field(
         default=None, description="the number alone, a JSON document, or a SenML pack (RFC 8428)"
@@ -105,7 +107,7 @@ class MessageChannelConfig(WatchedChannelConfig):
     @property
     def place(self) -> str:
         """The key expression or topic that it is published on."""
-        raise NotImplementedError
+        return str(getattr(self, self.noun))
 
     @property
     def address(self) -> str:

@@ -52,7 +52,7 @@ class MessageChannel(Watched):
             if isinstance(entry, Rejected):
                 if self._seldom(entry.fault):
                     say = "%s (%s %s): the payload %s"
-                    _log.warning(say, self.id, self._table.noun, incoming.key, entry.sentence)
+                    _log.warning(say, self.id, self.form.noun, incoming.key, entry.sentence)
                 yield self.converter.bad(when, entry.fault)
             elif when > self.known_until:
                 quality = entry.quality

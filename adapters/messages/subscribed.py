@@ -77,6 +77,8 @@ class SubscribedSource(LiveSource):
             await self._subscribe(link, inbox, self._channels.points)
             connected, since, look_at, quiet_at = False, time.monotonic(), 0.0, float("inf")
             while True:
+                async for batch in self._taken(inbox):
+                    yield batch
                 if (now := time.monotonic()) >= look_at:
                     look_at = now + LOOK
                     if self._rebound:
@@ -92,8 +94,6 @@ class SubscribedSource(LiveSource):
                     if now >= quiet_at:
                         quiet_at = float("inf")
                         self._note_quiet()
-                async for batch in self._taken(inbox):
-                    yield batch
 
     async def probe(self, seconds: float) -> list[Probe]:
         """What comes for every channel within `seconds`, or is kept for who asks; less if all have come."""
@@ -195,9 +195,9 @@ class SubscribedSource(LiveSource):
         return readings
 
     def _note_quiet(self) -> None:
-        noun = self._table.noun
         for channel in self._channels.all():
             if not channel.heard:
+                noun = channel.form.noun
                 say = "sources.%s: nothing has come for %s (%s %s) so far; check its %s with thermogate probe"
                 _log.warning(say, self.name, channel.id, noun, channel.point, noun)
 

@@ -168,5 +168,4 @@ class ModbusConfig(LiveConfig):
 
     @property
     def described(self) -> str:
-        """What it reads, for the summary of a check."""
         return f"{self.transport} {self.place}, polled every {format_duration(self.poll)}"

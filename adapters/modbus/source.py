@@ -81,7 +81,6 @@ class ModbusSource(LiveSource):
         return []
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
-        """Poll for ever. `start` is of no concern: what was is gone. Raises SourceUnavailable."""
         async with self._opened(partial(ModbusLink, self._table)) as link:
             self._rhythm.begin()
             while True:

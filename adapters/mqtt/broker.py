@@ -64,7 +64,6 @@ class BrokerConfig(LoginConfig):
         return f"{'mqtt' if self.tls is None else 'mqtts'}://{f'[{host}]' if ':' in host else host}:{self.tcp_port}"
 
     def problems(self) -> Iterator[str]:
-        """What is wrong with the files it names, or missing on this machine, one sentence each."""
         if find_spec("paho") is None:
             yield "MQTT needs the package paho-mqtt; install it with pip install 'thermogate[mqtt]'"
         yield from super().problems()

@@ -17,12 +17,9 @@ TIMES = ("payload", "arrival")
 class MqttChannelConfig(MessageChannelConfig):
     """A channel of an MQTT source."""
 
-    topic: Topic = Field(description='the topic that it is published on, such as "zigbee2mqtt/living"')
+    noun: ClassVar = "topic"
 
-    @property
-    def place(self) -> str:
-        """Its topic."""
-        return self.topic
+    topic: Topic = Field(description='the topic that it is published on, such as "zigbee2mqtt/living"')
 
 
 class MqttSourceConfig(BrokerConfig, MessagesConfig):
@@ -30,7 +27,6 @@ class MqttSourceConfig(BrokerConfig, MessagesConfig):
 
     channel: ClassVar = MqttChannelConfig
     example: ClassVar = 'topic = "..."'
-    noun: ClassVar = "topic"
     source: ClassVar = "adapters.mqtt.source:MqttSource"
 
     kind: Literal["mqtt"] = "mqtt"
@@ -54,5 +50,4 @@ class MqttSourceConfig(BrokerConfig, MessagesConfig):
 
     @property
     def described(self) -> str:
-        """What it reads, for the summary of a check."""
         return f"{self.place}, MQTT {self.version}"

@@ -91,7 +91,6 @@ class ServerConfig(LoginConfig):
     timeout: Timeout = Field(default=5.0, description="time limit for a connection and each answer")
 
     def problems(self) -> Iterator[str]:
-        """What is wrong with the files it names, or missing on this machine, one sentence each."""
         if find_spec("asyncua") is None:
             yield "OPC UA needs asyncua; install it with: pip install 'thermogate[opcua]'"
         yield from super().problems()
@@ -121,7 +120,6 @@ class OpcuaConfig(ServerConfig, LiveConfig):
 
     @property
     def described(self) -> str:
-        """What it reads, for the summary of a check."""
         return f"{self.url}, polled every {format_duration(self.poll)}"
 
 
@@ -138,12 +136,10 @@ class OpcuaHistoryConfig(ServerConfig, HistoryConfig):
 
     @property
     def described(self) -> str:
-        """What it reads, for the summary of a check."""
         return f"the history of {self.url}, from {written_time(self.begin)}"
 
     @property
     def asked(self) -> Database:
-        """The history."""
         from adapters.opcua.history import History
 
         return History(self)

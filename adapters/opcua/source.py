@@ -63,11 +63,9 @@ class OpcuaSource(LiveSource):
         return self._rhythm.late
 
     def check(self) -> list[str]:
-        """Files that cannot be used, and a missing library."""
         return [f"sources.{self.name}: {problem}" for problem in self._table.problems()]
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
-        """Poll for ever. `start` is of no concern: what was is gone. Raises SourceUnavailable."""
         async with self._opened(self._made) as link:
             self._rhythm.begin()
             polled, confirm = time.time() - self._table.poll, 0.0

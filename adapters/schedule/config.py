@@ -101,7 +101,6 @@ class ScheduleConfig(SourceConfig):
 
     @property
     def described(self) -> str:
-        """What it reads, for the summary of a check."""
         return f"a weekly schedule in {self.time_zone}"
 
 

@@ -23,7 +23,6 @@ class ScheduleSource:
         self.rebind(bindings)
 
     def check(self) -> list[str]:
-        """Nothing can be wrong that its tables do not tell."""
         return []
 
     def rebind(self, bindings: Sequence[Binding]) -> None:
@@ -48,5 +47,4 @@ class ScheduleSource:
         return [Probe(one.channel, "the schedule", f"{raw:g}", one.edge.value(raw), now) for one, raw in now_had]
 
     async def close(self) -> None:
-        """End the delivery; safe to call twice."""
         self._closed.set()

@@ -62,7 +62,6 @@ class SeriesConfig(LoginConfig, HistoryConfig):
 
     @property
     def described(self) -> str:
-        """What it reads, for the summary of a check."""
         return f"{self.url}, from {written_time(self.begin)}"
 
     @property
@@ -81,7 +80,6 @@ class PrometheusConfig(SeriesConfig):
 
     @property
     def asked(self) -> Database:
-        """The database."""
         return Prometheus(self)
 
 
@@ -110,5 +108,4 @@ class InfluxConfig(SeriesConfig):
 
     @property
     def asked(self) -> Database:
-        """The database."""
         return InfluxDB(self)

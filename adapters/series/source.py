@@ -64,6 +64,5 @@ class SeriesSource(RecordedSource):
         return probes
 
     async def close(self) -> None:
-        """End the delivery; safe to call twice."""
         await super().close()
         await self._database.close()

@@ -50,11 +50,9 @@ class WeatherCsvConfig(LayoutConfig, WeatherConfig):
 
     @property
     def described(self) -> str:
-        """What it reads, for the summary of a check."""
         return self.file.name
 
     def build(self, name: str, series: tuple[str, ...]) -> WeatherSource:
-        """The source called `name`."""
         return csv_file(name, self.file, self.refresh, self, self.means, series)
 
 
@@ -78,12 +76,10 @@ class OpenMeteoConfig(WeatherConfig):
 
     @property
     def described(self) -> str:
-        """What it reads, for the summary of a check."""
         # An address may carry a key of the service.
         return self.file.name if self.file is not None else str(self.url).partition("?")[0]
 
     def build(self, name: str, series: tuple[str, ...]) -> WeatherSource:
-        """The source called `name`."""
         if self.url is not None:
             return json_address(name, self.url, self.refresh)
         return json_file(name, self.file or Path(), min(self.refresh, 60.0))
@@ -104,11 +100,9 @@ class ZenohWeatherConfig(SessionConfig, WeatherConfig):
 
     @property
     def described(self) -> str:
-        """What it reads, for the summary of a check."""
         return f"{self.key} from {', '.join(self.connect)}"
 
     def build(self, name: str, series: tuple[str, ...]) -> WeatherSource:
-        """The source called `name`."""
         return HeardForecasts(name, self, self.key)
 
 

@@ -15,12 +15,9 @@ from adapters.zenoh.connection import Mode, SessionConfig
 class ZenohChannelConfig(MessageChannelConfig):
     """A channel of a Zenoh source."""
 
-    key: Text = Field(description='the key expression that it is published on, such as "bms/room1/T_air"')
+    noun: ClassVar = "key"
 
-    @property
-    def place(self) -> str:
-        """Its key expression."""
-        return self.key
+    key: Text = Field(description='the key expression that it is published on, such as "bms/room1/T_air"')
 
 
 class ZenohSourceConfig(SessionConfig, MessagesConfig):
@@ -28,7 +25,6 @@ class ZenohSourceConfig(SessionConfig, MessagesConfig):
 
     channel: ClassVar = ZenohChannelConfig
     example: ClassVar = 'key = "..."'
-    noun: ClassVar = "key"
     source: ClassVar = "adapters.zenoh.source:ZenohSource"
 
     kind: Literal["zenoh"] = "zenoh"
@@ -81,7 +77,6 @@ class ZenohSourceConfig(SessionConfig, MessagesConfig):
 
     @property
     def described(self) -> str:
-        """What it reads, for the summary of a check."""
         listening = f"listening on {', '.join(self.listen)}" if self.listen else ""
         connecting = f"connecting to {', '.join(self.connect)}" if self.connect else ""
         return f"{self.mode} {' and '.join(filter(None, (connecting, listening)))}"

@@ -69,7 +69,6 @@ class SessionConfig(LoginConfig):
         return ", ".join((*self.connect, *(f"listening on {endpoint}" for endpoint in self.listening)))
 
     def problems(self) -> Iterator[str]:
-        """What is wrong with the files it names, one sentence each."""
         yield from super().problems()
         if self.users_file is not None and (reason := unreadable(self.users_file)):
             yield f"users_file: {self.users_file} cannot be read ({reason})"

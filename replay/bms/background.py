@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any, TypeVar
+
+from adapters.background import Background
 
 Ready = TypeVar("Ready")
 
@@ -23,24 +24,19 @@ def in_background(
     raises where the start fails.
     """
     begun: Future[Ready] = Future()
-    loop = asyncio.new_event_loop()
-    stop = asyncio.Event()
+    stop, background = asyncio.Event(), Background("simulated-bms")
 
-    def live() -> None:
+    async def live() -> None:
         try:
-            with asyncio.Runner(loop_factory=lambda: loop) as runner:
-                runner.run(plant(stop, begun.set_result))
+            await plant(stop, begun.set_result)
         except BaseException as error:
             if begun.done():
                 raise
             begun.set_exception(error)
 
-    thread = threading.Thread(target=live, name="simulated-bms", daemon=True)
-    thread.start()
+    background.start(live)
     try:
         yield begun.result()
     finally:
-        # The loop is closed already where serving has failed.
-        with suppress(RuntimeError):
-            loop.call_soon_threadsafe(stop.set)
-        thread.join(patience)
+        background.call(stop.set)
+        background.wait(patience)

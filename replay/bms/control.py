@@ -74,10 +74,6 @@ def create_control(simulation: Simulation) -> FastAPI:
             raise RequestRefused(HTTPStatus.NOT_FOUND, [f"there is no fault {number}; GET /faults lists them"])
         return Response(status_code=HTTPStatus.NO_CONTENT)
 
-    @app.get("/rooms/{room}", responses=documented(404), summary="What is wanted of a room")
-    async def wanted(room: str) -> Order:
-        return _order(simulation, _index(simulation, room))
-
     @app.put("/rooms/{room}", responses=documented(404, 422), summary="Set a room's set-point or heating")
     async def command(room: str, order: Order) -> Order:
         index = _index(simulation, room)
@@ -109,14 +105,6 @@ def _index(simulation: Simulation, room: str) -> int:
     if room not in names:
         raise RequestRefused(HTTPStatus.NOT_FOUND, [f'there is no room "{room}"; the rooms are {", ".join(names)}'])
     return names.index(room)
-
-
-def _order(simulation: Simulation, index: int) -> Order:
-    return Order(set_point=_known(simulation.orders.set_point[index]), u_heat=_known(simulation.orders.power[index]))
-
-
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else float(value)
 
 
 def _shown(fault: Fault, begins_in: float) -> dict[str, Any]:

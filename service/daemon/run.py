@@ -20,6 +20,7 @@ from contextlib import AsyncExitStack
 from functools import partial
 from typing import Any, TypeVar
 
+from adapters.cancelling import in_thread
 from service.config.kept import keep_configuration
 from service.config.site import Config
 from service.daemon.composition import RunningSite, answer_on_zenoh, open_sinks
@@ -32,7 +33,7 @@ from service.daemon.process import favour_the_event_loop
 from service.daemon.reload import summary
 from service.daemon.serving import Serving
 from service.daemon.supply.ingest import Ingest
-from service.daemon.tasks import abandonable, done_before, end
+from service.daemon.tasks import done_before, end
 from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError
 from service.publish.sinks import Sink
@@ -128,7 +129,8 @@ class Daemon:
             raise ReloadRefused([f"the daemon {why}, so there is nothing to reload"])
         self._notifier.reloading()
         try:
-            new = await abandonable(self._reread)
+            # A file that it reads may be a pipe that nobody writes to.
+            new = await in_thread(self._reread)
             self._serving.reload()
             changes = await self._site.runtime.reload(new)
             if changes.log:

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import threading
-from collections.abc import Callable, Collection
-from contextlib import suppress
-from typing import Any, TypeVar
-
-Result = TypeVar("Result")
+from collections.abc import Collection
+from typing import Any
 
 _AGAIN_SECONDS = 0.5
 """How long a cancelled task may take to clean up before it is cancelled again, in s."""
@@ -36,27 +32,3 @@ async def done_before(stop: asyncio.Future[Any], work: asyncio.Future[Any]) -> b
         return False
     work.result()
     return True
-
-
-async def abandonable(function: Callable[[], Result]) -> Result:
-    """What `function` returns on a thread that the process does not wait for at its end: a file that it reads may be a
-    pipe that nobody writes to."""
-    loop = asyncio.get_running_loop()
-    done: asyncio.Future[Result] = loop.create_future()
-
-    def settle(outcome: Callable[[], None]) -> None:
-        # The loop may have ended meanwhile.
-        with suppress(RuntimeError):
-            loop.call_soon_threadsafe(lambda: None if done.done() else outcome())
-
-    def work() -> None:
-        try:
-            result = function()
-        except BaseException as error:
-            failure = error
-            settle(lambda: done.set_exception(failure))
-        else:
-            settle(lambda: done.set_result(result))
-
-    threading.Thread(target=work, name="abandonable", daemon=True).start()
-    return await done

@@ -16,11 +16,11 @@ from typing import Annotated, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from adapters.background import Background
 from adapters.errors import SourceError
 from adapters.fields.addresses import web_address
 from adapters.fields.values import Flag
 from adapters.fields.words import shown
-from adapters.mqtt.background import Background
 from adapters.mqtt.broker import BrokerConfig, Topic
 from adapters.mqtt.client import IN_FLIGHT, Client, Will, connected
 from service.pauses import GrowingPause, within

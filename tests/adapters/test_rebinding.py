@@ -32,19 +32,3 @@ async def test_modbus_keeps_its_connection_and_what_a_counter_said() -> None:
     assert site.connections == 1
     assert site.requests()[0] == (0, 2)
     assert site.requests()[-1] == (0, 3)
-
-
-async def test_modbus_forgets_silence_and_refusals_of_what_it_no_longer_reads() -> None:
-    site = plant({1: [21], 2: [22]})
-    site.silent.add(2)
-    async with serving(site):
-        both = [channel("one", 0), channel("two", 0, unit_id=2)]
-        bms = source(site.port, both, timeout=0.1)
-        async with aclosing(bms.batches(None)) as stream:  # type: ignore[type-var]
-            await anext(stream)
-            await anext(stream)
-            bms.rebind([bound(TABLE, "z/one", register=0, type="int16")])
-            asked = len(site.requests(2))
-            for _ in range(3):
-                await anext(stream)
-            assert len(site.requests(2)) <= asked + 1

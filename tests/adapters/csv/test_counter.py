@@ -1,7 +1,6 @@
 """Counters in recorded files, and what a probe of a recording shows."""
 
 import asyncio
-from itertools import pairwise
 
 import pytest
 from support.sources import recording
@@ -33,16 +32,6 @@ ROWS = "0,10,1\n900,10.5,1\n1800,10.5,1\n2700,,1\n3600,11.5,1\n"
 
 def test_a_start_in_the_middle_has_the_power_from_there_on(tmp_path):
     assert powers(source(tmp_path, ROWS), 900.0) == [(900.0, 0.0), (1800.0, 2000.0)]
-
-
-def test_rows_of_the_hour_that_autumn_repeats_are_an_hour_apart(tmp_path):
-    path = tmp_path / "autumn.csv"
-    hours = ["02:00", "02:30", "02:00", "02:30", "03:00"]
-    rows = [f"2025-10-26 {hour},{10 + k / 2},1" for k, hour in enumerate(hours)]
-    path.write_text("t,E,T\n" + "\n".join(rows) + "\n")
-    found = powers(recording("log", [path], [METER], zone="Europe/Berlin"))
-    assert [value for _, value in found] == [1000.0] * 4
-    assert [later[0] - earlier[0] for earlier, later in pairwise(found)] == [1800.0] * 3
 
 
 def test_a_probe_shows_the_first_and_the_last_row(tmp_path):

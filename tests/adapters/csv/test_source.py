@@ -2,7 +2,6 @@ import asyncio
 import gzip
 import os
 import threading
-import time
 from datetime import UTC, datetime
 from math import isnan, nan
 
@@ -50,17 +49,6 @@ def values(csv_source, start=None):
 @pytest.fixture
 def plain(tmp_path):
     return write(tmp_path / "plain.csv", "t,T\n2025-05-03 00:00:00Z,20.5\n2025-05-03 00:00:10Z,20.6\n")
-
-
-def test_rows_become_good_readings_of_the_bound_channel(plain):
-    start = utc("2025-05-03")
-    (batch,) = batches(source(plain))
-    assert batch.readings == [
-        Reading("living/T_air", start, 20.5),
-        Reading("living/T_air", start + 10, 20.6),
-    ]
-    assert batch.now == start + 10
-    assert all(reading.quality is Quality.GOOD for reading in batch.readings)
 
 
 @pytest.mark.parametrize(
@@ -188,18 +176,6 @@ def test_many_rows_come_in_few_batches_and_all_of_them(tmp_path):
     assert [reading.time for batch in got for reading in batch.readings] == list(range(10_000))
     assert all(batch.now == batch.readings[-1].time for batch in got)
     assert len(got) < 10
-
-
-async def test_paced_rows_come_when_they_are_due(tmp_path):
-    path = write(tmp_path / "a.csv", "t,T\n" + "".join(f"{100 + i},{i}\n" for i in range(6)))
-
-    paced = source(path, format="epoch", pace=20.0)
-    begin = time.monotonic()
-    got = [(time.monotonic() - begin, batch.now) async for batch in paced.batches(None)]
-    assert [now for _, now in got] == [100, 101, 102, 103, 104, 105]
-    # Sleeping may end late on a busy machine, but never early.
-    for elapsed, now in got:
-        assert elapsed >= (now - 100) / 20 - 0.005
 
 
 async def test_lateness_does_not_add_up(tmp_path, monkeypatch):

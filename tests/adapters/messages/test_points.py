@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
+import pytest
 from support.sources import bound, source_table
 
 from adapters.messages.inbox import Incoming
@@ -40,6 +42,33 @@ def readings(taken: MessageChannels, *samples: Incoming) -> list[Reading]:
 
 def times(taken: MessageChannels, *samples: Incoming) -> list[float]:
     return [reading.time for reading in readings(taken, *samples)]
+
+
+@pytest.mark.parametrize(
+    ("times", "payload", "stamp", "expected"),
+    [
+        (["payload", "zenoh"], "-60", -30, -60),
+        (["zenoh", "payload"], "-60", -30, -30),
+        (["arrival", "zenoh"], "-60", -30, 0),
+        (["payload", "zenoh", "arrival"], None, None, 0),
+        (["payload", "zenoh"], None, None, Fault.BAD_TIMESTAMP),
+    ],
+)
+def test_the_order_of_preference_decides_on_the_time(
+    times: list[str], payload: str | None, stamp: float | None, expected: object
+) -> None:
+    table = source_table("zenoh", connect=["tcp/127.0.0.1:1"], times=times)
+    when = None if payload is None else NOW + float(payload)
+    written = json.dumps({"value": 20, "time": when}).encode()
+    listed = [bound(table, "room/T", key="k", format="json", time="/time", time_format="epoch")]
+    incoming = Incoming("k", written, len(written), None if stamp is None else NOW + stamp, NOW)
+    (reading,) = MessageChannels("bms", listed, table).came("k", [incoming])
+    assert (reading.fault or reading.time - NOW) == expected
+
+
+def test_a_retained_value_with_a_time_is_as_old_as_it_says() -> None:
+    (reading,) = readings(channels(DATED), dated(NOW - 7200, NOW)._replace(retained=True))
+    assert (reading.time, reading.quality) == (NOW - 7200, Quality.GOOD)
 
 
 def test_a_clock_that_is_a_little_ahead_dates_nothing_after_its_arrival() -> None:

@@ -86,15 +86,6 @@ async def test_every_format_arrives(bus: Bus, form: Keys, payload: str) -> None:
         assert between(begun - 1.0, heard.batches[-1].now, time.time() - 1.0)
 
 
-async def test_the_order_of_preference_decides_on_the_time(bus: Bus) -> None:
-    when, begun = time.time() - 1000, time.time()
-    for times, expected in ((["payload", "arrival"], (when, when)), (["arrival"], (begun, begun + 1000))):
-        async with listening(bus.source(T | JSON, times=times)) as heard:
-            document = json.dumps({"value": 1, "time": iso(when)})
-            await heard.until(heard.values, lambda document=document: bus.put("bms/room/T", document))
-            assert between(expected[0] - 0.001, heard.readings[0].time, expected[1] + 0.001)
-
-
 async def test_a_time_ahead_of_the_clock_is_refused(bus: Bus, caplog: pytest.LogCaptureFixture) -> None:
     async with listening(bus.source(T | JSON)) as heard:
         document = json.dumps({"value": 1, "time": iso(time.time() + 3600)})

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.broker import Mosquitto, Party, broker, flood, program
+from support.broker import Mosquitto, Party, broker, program
 from support.sources import bound, source_table
 from support.waiting import until
 from support.zenoh_plant import certificates, listening
@@ -94,16 +94,6 @@ async def test_a_retained_value_is_uncertain_and_gives_way_to_what_is_new(runnin
         assert again.values() == [22.0]
 
 
-async def test_a_retained_value_with_a_time_is_as_old_as_it_says(running: Mosquitto, party: Party) -> None:
-    when = time.time() - 7200
-    party.put(TOPIC, json.dumps({"value": 18, "time": iso(when)}), retain=True, qos=1)
-
-    async with listening(source(running.port, DATED)) as heard:
-        await heard.until(heard.values)
-        assert heard.readings[0].time == pytest.approx(when, abs=0.001)
-        assert heard.readings[0].quality is Quality.GOOD
-
-
 @pytest.mark.parametrize("version", VERSIONS)
 async def test_what_has_a_time_waits_at_the_broker_and_what_has_none_does_not(
     running: Mosquitto, party: Party, version: str
@@ -146,26 +136,6 @@ async def test_a_broker_that_restarts_is_come_back_to(tmp_path: Path) -> None:
             await heard.until(lambda: any("no MQTT broker answers" in failure for failure in heard.failures))
             restarting.start()
             await heard.until(lambda: 21.0 in heard.values(), lambda: party.put(TOPIC, "21"))
-
-
-async def test_a_flood_on_one_topic_costs_no_other_topic_and_no_other_source(running: Mosquitto, party: Party) -> None:
-    calm, many = 50, 20_000
-
-    first = source(running.port, T, HEAT)
-    async with listening(first) as heard, listening(source(running.port, T, name="other")) as other:
-        await heard.until(lambda: heard.batches and other.batches)
-        flooding = asyncio.create_task(asyncio.to_thread(flood, running.port, "home/other", map(str, range(many))))
-        for k in range(calm):
-            party.put(TOPIC, str(k / 10))
-            await asyncio.sleep(0.01)
-        await flooding
-        party.put("home/other", "-1", qos=1)
-        await heard.until(lambda: -1.0 in heard.values("room/u"))
-        await heard.until(lambda: len(other.values()) == calm)
-        assert other.values() == [k / 10 for k in range(calm)]
-        # What the broker itself does not get rid of fast enough to this client, it drops.
-        assert heard.values() == sorted(set(heard.values()))
-        assert heard.failures == other.failures == []
 
 
 class Unconfirmed:

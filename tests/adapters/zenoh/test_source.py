@@ -40,37 +40,6 @@ def iso(seconds: float) -> str:
     return datetime.fromtimestamp(seconds, UTC).isoformat()
 
 
-async def test_the_order_of_preference_decides_on_the_time() -> None:
-    begun = time.time()
-
-    place, found = endpoint(), {}
-    with session(listen=place) as bms:
-        payload = json.dumps({"value": 1, "time": iso(begun - 1000)})
-        stamp = zenoh.Timestamp(datetime.fromtimestamp(begun - 500, UTC), b"\x01")
-        timed = T | {"format": "json", "value": "/value", "time": "/time"}
-        for times in (("payload", "zenoh"), ("zenoh", "payload"), ("arrival", "zenoh")):
-            tuned = source(place, timed, times=times)
-            async with listening(tuned) as heard:
-                await heard.until(
-                    lambda heard=heard: heard.readings, lambda: bms.put("bms/room/T", payload, timestamp=stamp)
-                )
-                found[times] = heard.readings[0].time
-    by_payload, by_stamp, by_arrival = found.values()
-    assert (by_payload, by_stamp) == (pytest.approx(begun - 1000, abs=0.001), pytest.approx(begun - 500, abs=0.001))
-    assert between(begun, by_arrival, time.time())
-
-
-async def test_a_payload_without_a_time_takes_the_next_one_and_none_at_all_is_refused() -> None:
-    place, begun = endpoint(), time.time()
-    with session(listen=place, timestamping__enabled=False) as bms:
-        async with listening(source(place)) as heard:
-            await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
-            assert between(begun, heard.readings[0].time, time.time())
-        async with listening(source(place, times=["payload", "zenoh"])) as heard:
-            await heard.until(heard.faults, lambda: bms.put("bms/room/T", "1"))
-            assert set(heard.faults()) == {"bad_timestamp"}
-
-
 @pytest.mark.parametrize("ours", ["client", "peer", "listening peer", "listening router"])
 async def test_client_peer_and_embedded_router(ours: str) -> None:
     place = endpoint()
@@ -93,19 +62,6 @@ async def test_an_embedded_router_relays_between_its_clients() -> None:
         with session("client", connect=place) as bms, session("client", connect=place) as other:
             subscriber = other.declare_subscriber("bms/**")
             await heard.until(lambda: subscriber.try_recv(), lambda: bms.put("bms/room/T", "1"))
-
-
-async def test_a_peer_hears_every_endpoint() -> None:
-    one, two = endpoint(), endpoint()
-    channels = (T, {"id": "hall/T", "key": "bms/hall/T"})
-    with session(listen=one) as first, session(listen=two) as second:
-        async with listening(source({"mode": "peer", "connect": [one, two]}, *channels)) as heard:
-
-            def publish() -> None:
-                first.put("bms/room/T", "1")
-                second.put("bms/hall/T", "2")
-
-            await heard.until(lambda: heard.values("room/T") and heard.values("hall/T"), publish)
 
 
 async def test_what_is_missed_while_the_router_is_away_is_recovered() -> None:
@@ -175,24 +131,6 @@ def test_user_and_password_are_accepted_and_refused(mode: str, tmp_path: Path, m
         assert "user" in refused
         assert "secret" not in refused
         assert verdict(place, mode=mode) != "connected"
-
-
-async def test_our_listener_asks_for_user_and_password(tmp_path: Path) -> None:
-    (tmp_path / "users").write_text("bms:secret-1\n", encoding="utf-8")
-
-    place = endpoint()
-    ours = source({"mode": "router", "listen": [place], "users_file": tmp_path / "users"})
-    async with listening(ours) as heard:
-        await opened(place)
-        with (
-            pytest.raises(zenoh.ZError),
-            session(
-                "client", connect=place, connect__timeout_ms=1000, **{f"{USER}user": "bms", f"{USER}password": "no"}
-            ),
-        ):
-            pass
-        with session("client", connect=place, **{f"{USER}user": "bms", f"{USER}password": "secret-1"}) as bms:
-            await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
 
 
 def test_tls_and_mutual_tls_are_accepted_and_refused(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ import os
 import pytest
 
 import service.daemon.tasks
-from service.daemon.tasks import abandonable, done_before, end
+from adapters.cancelling import in_thread
+from service.daemon.tasks import done_before, end
 
 
 def test_a_task_ends_even_if_a_cancellation_meets_an_answer(monkeypatch):
@@ -63,12 +64,12 @@ async def test_what_is_done_before_the_stop_says_how_it_went():
 async def test_what_blocks_for_ever_holds_up_no_end(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    reading = asyncio.create_task(abandonable(pipe.read_bytes))
+    reading = asyncio.create_task(in_thread(pipe.read_bytes))
     await asyncio.sleep(0.05)
     await end([reading])
     assert reading.cancelled()
-    assert await abandonable(lambda: 7) == 7
+    assert await in_thread(lambda: 7) == 7
     with pytest.raises(ValueError, match="cannot"):
-        await abandonable(lambda: int("cannot"))
+        await in_thread(lambda: int("cannot"))
     # asyncio.run would wait for the threads of the loop's own executor.
     pipe.open("wb").close()
