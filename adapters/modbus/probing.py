@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator, Sequence
-from functools import partial
 from math import isfinite
 
 from adapters.modbus.client import Answer, ModbusLink, NoAnswer, Refused
@@ -67,18 +66,16 @@ def probed(channel: ModbusChannel, answer: Answer, later: Answer | None = None) 
     bits = channel.point.table in BIT_TABLES
     raw = " ".join(str(word) if bits else f"0x{word:04x}" for word in words)
     layout = channel.format.type if len(words) == 1 else f"{channel.format.type} {channel.format.order}"
-    seen = partial(Probe, channel.id, f"{channel.place} {layout}", raw)
-    if not is_available(words, channel.format):
-        return seen(None, answer.time, "not available: the device has no value here now")
-    if edge.counter:
-        verdict, hints = _counted(channel, answer, later)
-        return seen(None, answer.time, verdict, tuple(hints))
-    number = decode(words, channel.format)
-    value = edge.value(number)
-    doubt = edge.doubt(value)
-    if edge.fault(value) is None and 0 < abs(number) < _NEARLY_NOTHING:
-        doubt = "doubtful: nearly but not quite 0, as numbers with swapped registers are"
-    return seen(value, answer.time, doubt or "good", tuple(_hints(channel, words)) if doubt else ())
+    verdict, others = channel.judged(words), list[str]()
+    if edge.counter and verdict.raw is not None:
+        sentence, others = _counted(channel, answer, later)
+        verdict = verdict._replace(sentence=sentence)
+    probe = channel.probed(verdict, raw, answer.time, others)._replace(place=f"{channel.place} {layout}")
+    if verdict.raw is None or edge.counter:
+        return probe
+    if edge.fault(edge.value(verdict.raw)) is None and 0 < abs(verdict.raw) < _NEARLY_NOTHING:
+        probe = probe._replace(verdict="doubtful: nearly but not quite 0, as numbers with swapped registers are")
+    return probe if probe.verdict == "good" else probe._replace(hints=tuple(_hints(channel, words)))
 
 
 def _hints(channel: ModbusChannel, words: Sequence[int]) -> Iterator[str]:
@@ -133,10 +130,10 @@ async def _nearby(link: ModbusLink, channel: ModbusChannel) -> list[str]:
 
 
 def _counted(channel: ModbusChannel, first: Answer, second: Answer | None) -> tuple[str, list[str]]:
-    """What one or two readings of a counter say."""
+    """What one or two readings of a counter say, beside where it stands."""
     edge, form = channel.edge, channel.format
     number = decode(first.words, form)
-    hints = [f"the counter stands at {number * edge.scale + edge.offset:g}"]
+    hints: list[str] = []
     verdict = "good"
     whole = not form.type.startswith("float")
     if whole and form.registers > 1 and number >= _SWAPPED_STEP and number % _SWAPPED_STEP == 0:

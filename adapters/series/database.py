@@ -55,11 +55,8 @@ class Server:
     async def ask(self, path: str, parameters: Mapping[str, str]) -> Any:
         """The JSON that `path` answers. Raises SourceUnavailable, and SourceConfigError where it refuses the
         question."""
-        return await asyncio.to_thread(self._answer, path, parameters)
-
-    def _answer(self, path: str, parameters: Mapping[str, str]) -> Any:
         try:
-            return json.loads(self._answered(path, parameters))
+            return json.loads(await asyncio.to_thread(self._answered, path, parameters))
         except ValueError as error:
             raise SourceUnavailable(f"{self.url} does not answer in JSON; is another server there?") from error
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from adapters.fields.durations import parse_duration
 from adapters.fields.problems import own_sentence
-from replay.bms.plant import Channel, Device
+from replay.bms.plant import Device
 from replay.errors import ReplayError
 
 
@@ -168,8 +168,10 @@ class FaultBoard:
         frozen = self.active("freeze", device, channel)
         if frozen is not None:
             value = self._frozen.setdefault((frozen.id, device, channel), value)
-        if self.active("nan", device, channel) and self._channel(device, channel).register.can_be_unavailable:
-            return math.nan
+        if self.active("nan", device, channel):
+            told = self._devices[device].channel(channel)
+            if told is not None and told.register.can_be_unavailable:
+                return math.nan
         return value
 
     def _acting(self, kind: str, device: str, channel: str | None) -> Iterator[Fault]:
@@ -179,11 +181,6 @@ class FaultBoard:
         for fault in reversed(self._faults):
             if fault.spec.kind == kind and fault.begins <= now < fault.ends and fault.concerns(device, channel):
                 yield fault
-
-    def _channel(self, device: str, channel: str) -> Channel:
-        found = self._devices[device].channel(channel)
-        assert found is not None
-        return found
 
     def _checked(self, spec: FaultSpec) -> Kind:
         kind = MENU.get(spec.kind)

@@ -13,7 +13,10 @@ from typing import Any
 import pytest
 import tomli_w
 from support import cases
+from support.processes import free_port
+from support.sources import bound, source_table
 
+from adapters.errors import SourceUnavailable
 from adapters.kinds import SOURCE_KINDS
 from adapters.weather.config import WEATHER_KINDS
 from service.config.load import load, load_sources
@@ -93,3 +96,37 @@ def test_sources_can_be_read_without_zones(tmp_path: Path) -> None:
 def test_the_library_of_bacnet_is_imported_by_who_uses_it_only() -> None:
     code = "import sys, adapters.kinds, replay.bms.serving; sys.exit('bacpypes3' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False, timeout=180).returncode == 0
+
+
+GONE = free_port()
+HISTORY = {"url": f"http://127.0.0.1:{GONE}", "begin": "2026-01-01T00:00:00Z"}
+NOBODY: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
+    "bacnet": ({"interface": "127.0.0.1/8", "port": GONE}, {"device": 7, "object": "analog-input,1"}, "check device"),
+    "csv": ({"files": ["gone.csv"], "timestamp": {"column": "t"}}, {"column": "T"}, "check its path"),
+    "home-assistant": ({"file": "gone.db"}, {"entity": "sensor.room"}, "copy home-assistant_v2.db"),
+    "influxdb": ({**HISTORY, "database": "house"}, {"query": '"value" FROM "degC"'}, "check url"),
+    "modbus": (
+        {"host": "127.0.0.1", "port": GONE, "first_register": 0},
+        {"register": 0, "type": "int16"},
+        "check that",
+    ),
+    "mqtt": ({"host": "127.0.0.1", "port": GONE}, {"topic": "home/T"}, "check that it is on"),
+    "opcua": ({"url": f"opc.tcp://127.0.0.1:{GONE}"}, {"node": "ns=2;s=T"}, "check url"),
+    "prometheus": (HISTORY, {"query": "up"}, "check url"),
+    "zenoh": ({"connect": [f"tcp/127.0.0.1:{GONE}"]}, {"key": "bms/T"}, "correct the address"),
+}
+"""Of each kind that needs somebody or something: a table that leads to nobody, a channel, and the remedy."""
+
+
+@pytest.mark.parametrize("kind", NOBODY)
+async def test_where_nobody_is_a_source_says_so_in_one_sentence_again_and_again(kind: str) -> None:
+    keys, channel, remedy = NOBODY[kind]
+    quick = {"timeout": 0.3, "retries": 0}
+    own = SOURCE_KINDS[kind].model_fields
+    table = source_table(kind, **keys, **{key: value for key, value in quick.items() if key in own})
+    bms = table.build("bms", [bound(table, "z/T", **channel)])
+    for _ in range(2):
+        with pytest.raises(SourceUnavailable, match=rf"^sources\.bms: [^\n]*{remedy}[^\n]*$"):
+            await anext(bms.batches(None))
+    await bms.close()
+    await bms.close()

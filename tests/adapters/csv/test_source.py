@@ -259,15 +259,6 @@ def test_check_names_every_problem_with_its_file(tmp_path):
         assert problem.startswith(beginning)
 
 
-async def test_an_unreadable_file_is_unavailable_when_its_turn_comes(tmp_path, plain):
-    told = source(plain, tmp_path / "later.csv")
-
-    delivery = told.batches(None)
-    assert len((await anext(delivery)).readings) == 2
-    with pytest.raises(SourceUnavailable, match=r"sources.recording: file '.*later.csv' cannot be read"):
-        await anext(delivery)
-
-
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     (problem,) = source(tmp_path / "pipe.csv").check()

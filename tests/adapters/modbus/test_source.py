@@ -228,22 +228,6 @@ async def test_a_busy_unit_is_silent_and_not_taken_apart():
     assert found == {(0, 2)}
 
 
-async def test_a_device_that_accepts_and_stays_silent_is_unavailable():
-    site = plant(holding=[1])
-    site.silent.add(1)
-    async with serving(site):
-        with pytest.raises(SourceUnavailable, match=r"bms: 127.0.0.1:\d+ is connected but silent; check unit_id"):
-            await rounds(source(site.port, [channel("c", 0)]), 1)
-
-
-async def test_a_port_that_nobody_serves_is_unavailable_in_one_sentence():
-    async with serving(plant(holding=[1])) as site:
-        port = site.port
-    for ask in (lambda bms: rounds(bms, 1), lambda bms: bms.probe(1.0)):
-        with pytest.raises(SourceUnavailable, match=r"bms: no connection to 127.0.0.1:\d+; check that the device"):
-            await ask(source(port, [channel("c", 0)]))
-
-
 async def test_a_dropped_connection_is_unavailable_and_the_next_call_goes_on():
     async with serving(plant(holding=[1, 2])) as site:
         bms = source(site.port, [channel("a", 0), channel("b", 1)])

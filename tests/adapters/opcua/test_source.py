@@ -270,11 +270,6 @@ def test_files_that_cannot_be_used_are_named(tmp_path: Path, plant: Plant) -> No
     assert source(1, [], security=security(plant.client, plant.own)).check() == []
 
 
-async def test_nobody_there_is_said_with_the_remedy() -> None:
-    with pytest.raises(SourceUnavailable, match=r"sources\.bms: .* cannot be reached .*check url"):
-        await source(free_port(), [node("T")]).probe(1.0)
-
-
 def record(plant: Plant, name: str, values: list[tuple[float, float, str]]) -> None:
     """Put values into the history of a node: minutes since BEGIN, value and status."""
     storage = plant.server.iserver.history_manager.storage

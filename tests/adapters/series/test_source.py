@@ -144,10 +144,7 @@ def test_a_query_of_another_form_is_refused(query):
         parts(query)
 
 
-def test_a_server_that_is_not_there_or_is_another_one(tmp_path):
-    with pytest.raises(SourceUnavailable, match=r"cannot be reached .*check url"):
-        readings({"kind": "prometheus", "url": f"http://127.0.0.1:{free_port()}"}, "up")
-
+def test_a_server_that_is_another_one():
     class Page(http.server.BaseHTTPRequestHandler):
         def do_GET(self):
             body = b"<html>" if "query_range" in self.path else b'{"results": 1}'

@@ -97,7 +97,6 @@ async def test_a_publisher_that_restarts_is_heard_again_with_what_it_published_b
                     publisher.put(str(10 * life + number))
                 await heard.until(lambda life=life: 10.0 * life + 2 in heard.values())
         assert heard.values() == [10.0, 11.0, 12.0, 20.0, 21.0, 22.0]
-        assert f"no Zenoh session answers at {place}; start it, or correct the address" in heard.failures[0]
 
 
 def verdict(connection: str | Keys, **keys: Any) -> str:
