@@ -7,13 +7,13 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from math import isfinite
 
 from adapters.channel import Binding, RecordedConfig
-from adapters.reading import Batch, Reading
+from adapters.reading import Batch, Reading, Source
 
 _LONGEST_SLEEP = 0.5
 """How long a paced source may sleep without looking whether it was closed, in s."""
 
 
-class RecordedSource:
+class RecordedSource(Source):
     """A recording, as fast as possible or at a pace, a multiple of real time."""
 
     def __init__(self, name: str, table: RecordedConfig, bindings: Sequence[Binding]) -> None:
@@ -23,10 +23,6 @@ class RecordedSource:
         """Of each channel its id and its edge."""
         self._origin: tuple[float, float] | None = None
         """The time of the loop and of the recording at which it began to play."""
-
-    def check(self) -> list[str]:
-        """What is wrong with it, one sentence each, as far as that can be told without connecting to anything."""
-        return []
 
     async def close(self) -> None:
         """End the delivery; safe to call twice."""

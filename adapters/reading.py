@@ -84,7 +84,7 @@ class Source(Protocol):
 
     def check(self) -> list[str]:
         """What is wrong with it, one sentence each, as far as that can be told without connecting to anything."""
-        ...
+        return []
 
     def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """Deliver batches in order. A recorded source begins with UTC time `start` (None: its beginning) and ends; a
@@ -100,5 +100,5 @@ class Source(Protocol):
         ...
 
     async def close(self) -> None:
-        """Release what the source holds; safe to call twice."""
-        ...
+        """Release what the source holds, if anything; safe to call twice."""
+        return

@@ -11,7 +11,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 from adapters.channel import Binding
 from adapters.edge import LiveConverter, looked_at
 from adapters.errors import SourceConfigError, said_of
-from adapters.reading import Fault, Probe, Quality, Reading
+from adapters.reading import Fault, Probe, Quality, Reading, Source
 
 POLLS_IN_A_STRETCH = 10
 """Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now."""
@@ -163,7 +163,7 @@ class Link(Protocol):
 AnyLink = TypeVar("AnyLink", bound=Link)
 
 
-class LiveSource:
+class LiveSource(Source):
     """What every live source does with its connection, and with channels that change while it is at work."""
 
     def __init__(self, name: str, bindings: Sequence[Binding]) -> None:
@@ -171,10 +171,6 @@ class LiveSource:
         self._listed, self._rebound = tuple(bindings), False
         """The channels that are wanted, and whether they have changed since they were taken up."""
         self._link: Any = None
-
-    def check(self) -> list[str]:
-        """What is wrong with it, one sentence each, as far as that can be told without connecting to anything."""
-        return []
 
     def rebind(self, bindings: Sequence[Binding]) -> None:
         """Deliver `bindings` from the next look on, over the same connection."""

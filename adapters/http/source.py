@@ -13,7 +13,7 @@ from adapters.channel import Binding
 from adapters.edge import LiveConverter
 from adapters.http.config import HttpSourceConfig
 from adapters.http.posted import Posted
-from adapters.reading import Batch, Fault, Probe, Quality, Reading
+from adapters.reading import Batch, Fault, Probe, Quality, Reading, Source
 from adapters.timestamps import EARLIEST
 from adapters.watched import Watched, put_to_work
 
@@ -37,7 +37,7 @@ class Received(NamedTuple):
                 counter.counted = before
 
 
-class HttpSource:
+class HttpSource(Source):
     """Channels that are posted to. `receive` makes readings of a post at once; there is nothing to connect to."""
 
     def __init__(self, name: str, table: HttpSourceConfig, bindings: Sequence[Binding]) -> None:
@@ -48,9 +48,6 @@ class HttpSource:
         self._measured: dict[tuple[str, str], list[HttpChannel]] = {}
         self._news = asyncio.Event()
         self.rebind(bindings)
-
-    def check(self) -> list[str]:
-        return []
 
     def rebind(self, bindings: Sequence[Binding]) -> None:
         """These are the channels from now on; what is remembered of those that stay is kept."""
@@ -72,9 +69,6 @@ class HttpSource:
     async def probe(self, seconds: float) -> list[Probe]:
         """Where to look instead: nobody posts to a probe."""
         return [Probe(one.id, one.place, "-", None, None, _UNHEARD.format(zone=one.zone)) for one in self._listed]
-
-    async def close(self) -> None:
-        """Nothing is held."""
 
     def receive(self, posted: Sequence[Posted], zone: str | None = None, now: float | None = None) -> Received:
         """The readings of what was posted at `now` (UTC s), for the channels of `zone` alone if one is given; such a

@@ -8,22 +8,19 @@ from collections.abc import AsyncIterator, Sequence
 
 from adapters.channel import Binding
 from adapters.edge import Converter
-from adapters.reading import Batch, Probe
+from adapters.reading import Batch, Probe, Source
 
 EVERY = 60.0
 """s between two readings: an interval in which the value changes has its mean."""
 
 
-class ScheduleSource:
+class ScheduleSource(Source):
     """Channels that follow weeks. There is nothing to connect to."""
 
     def __init__(self, name: str, table: object, bindings: Sequence[Binding]) -> None:
         self.name = name
         self._closed = asyncio.Event()
         self.rebind(bindings)
-
-    def check(self) -> list[str]:
-        return []
 
     def rebind(self, bindings: Sequence[Binding]) -> None:
         """These are the channels from now on."""

@@ -57,12 +57,15 @@ class WeatherSource(Protocol):
 
     def check(self) -> list[str]:
         """What is wrong with it, one sentence each, as far as that can be told without connecting to anything."""
+        return []
 
     def forecasts(self) -> AsyncIterator[WeatherForecast]:
         """Every new forecast, for ever. Raises SourceUnavailable, after which it may be called again."""
+        ...
 
     async def close(self) -> None:
-        """Let go of everything; safe to call twice."""
+        """Let go of everything, if anything is held; safe to call twice."""
+        return
 
 
 def series_of(times: Array, values: Array, unit: str, means: str) -> WeatherSeries:

@@ -14,13 +14,13 @@ from adapters.csv.config import LayoutConfig
 from adapters.csv.table import CsvChannel, column_problems, read_header, read_table
 from adapters.errors import SourceError, SourceUnavailable
 from adapters.weather.document import LONGEST, parse
-from adapters.weather.forecast import WeatherForecast, series_of
+from adapters.weather.forecast import WeatherForecast, WeatherSource, series_of
 
 _TIMEOUT = 20.0
 """How long an address may take to answer, in s."""
 
 
-class PolledForecasts:
+class PolledForecasts(WeatherSource):
     """What `read` finds, looked up every `every` s, and read again where its `stamp` has changed."""
 
     def __init__(
@@ -54,9 +54,6 @@ class PolledForecasts:
             except SourceError as error:
                 raise SourceUnavailable(f"weather.{self.name}: {error}") from error
             await asyncio.sleep(self._every)
-
-    async def close(self) -> None:
-        """Nothing is held."""
 
 
 def _written(path: Path) -> tuple[int, int]:
