@@ -1,44 +1,100 @@
-"""What routes about a zone answer with: its records as JSON, or that it has nothing to tell now."""
+"""How a route is declared, and what it answers with: a record as JSON, events, or that its zone has nothing to tell."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Sequence
 from datetime import datetime
+from functools import reduce, wraps
 from http import HTTPStatus
+from inspect import iscoroutinefunction, signature
+from operator import or_
 from typing import Any
 
-from fastapi import Response
+from fastapi import APIRouter, Depends, Response
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 
-from service.records.record import document
+from service.records.record import document, document_of
 from service.records.update import Update
 from service.records.view import Answer, Question, ZoneView
-from service.web.problems import RETRY_SECONDS
+from service.web.limits import stream_slot
+from service.web.problems import RETRY_SECONDS, documented
 from service.web.server.refusal import RequestRefused
 
 _EVENTS = "text/event-stream"
 
+Route = Callable[..., Any]
+"""Takes `site`, `view` if it is about a zone, and what else it asks for; returns a record, or an answer of its own."""
 
-def answer(record: object, site: str, zone: str | None = None) -> Response:
-    """A record as JSON, with the site and the zone."""
-    return json_answer(document(record, site, zone))
+
+def route(
+    router: APIRouter,
+    asked: str,
+    *kinds: type,
+    refused: Sequence[int] = (404, 422, 500, 503),
+    also: Sequence[int] = (),
+    responses: dict[int | str, dict[str, Any]] | None = None,
+    **described: Any,
+) -> Callable[[Route], Route]:
+    """Decorator: a route, `asked` for as "GET /zones/{zone}/skill", which answers with a record of one of `kinds`, or
+    with a problem of a status in `refused` or `also`. The OpenAPI document says of it what its docstring does.
+
+    One that is no coroutine runs on a thread, where its record is written too.
+    """
+    method, path = asked.split()
+
+    def add(function: Route) -> Route:
+        @wraps(function)
+        async def answered(site: Any, **given: Any) -> Response:
+            def written(found: Any) -> Response:
+                zone = given["view"].id if "view" in given else None
+                return found if isinstance(found, Response) else json_answer(document(found, site.id, zone))
+
+            if iscoroutinefunction(function):
+                return written(await function(site=site, **given))
+            return await run_in_threadpool(lambda: written(function(site=site, **given)))
+
+        of_a_zone, answered.__doc__ = "view" in signature(function).parameters, None
+        if kinds:
+            described["response_model"] = reduce(or_, (document_of(kind, of_a_zone) for kind in kinds))
+        told = documented(*sorted({*refused, *also})) | (responses or {})
+        router.add_api_route(path, answered, methods=[method], responses=told, summary=function.__doc__, **described)
+        return function
+
+    return add
+
+
+def events_route(
+    router: APIRouter, path: str, text: str, summary: str, refused: Sequence[int]
+) -> Callable[[Route], Route]:
+    """Decorator: a route of server-sent events, which are `text`; it returns them as they come."""
+    kind = {200: {"description": f"Server-sent events: {text}", "content": {_EVENTS: {"schema": {"type": "string"}}}}}
+
+    def add(function: Route) -> Route:
+        @wraps(function)
+        async def answered(**given: Any) -> Response:
+            events: AsyncIterator[bytes] = await function(**given)
+            headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+            return StreamingResponse(events, headers=headers, media_type=_EVENTS)
+
+        router.add_api_route(
+            path,
+            answered,
+            response_class=Response,
+            response_model=None,
+            responses=kind | documented(*refused),
+            dependencies=[Depends(stream_slot)],
+            summary=summary,
+        )
+        return function
+
+    return add
 
 
 def json_answer(content: bytes) -> Response:
     """JSON that is written already."""
     return Response(content, media_type="application/json")
-
-
-def events_answer(events: AsyncIterator[bytes]) -> StreamingResponse:
-    """Server-sent events, as they come."""
-    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return StreamingResponse(events, headers=headers, media_type=_EVENTS)
-
-
-def described_events(text: str) -> dict[int | str, dict[str, Any]]:
-    """The `responses` of a route of server-sent events."""
-    return {200: {"description": f"Server-sent events: {text}", "content": {_EVENTS: {"schema": {"type": "string"}}}}}
 
 
 async def asked(zone: ZoneView, question: Question[Answer | None]) -> Answer:

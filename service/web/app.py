@@ -86,7 +86,7 @@ def create_app(
     app.add_middleware(Guard, config=http, answers=app.state.answers)
     malformed = app.state.malformed_posts = Counter()
     made = app.state.site = Site(site, zones, limiter, backend.streams or Streams(), backend)
-    of_the_daemon = operation_routes(made, metrics_registry)
+    of_the_daemon = operation_routes(metrics_registry)
     readings = reading_routes(made, Bodies(http.limits.body, malformed))
     for router in (
         *_QUESTIONS,

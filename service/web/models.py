@@ -34,8 +34,6 @@ EXAMPLES = json.loads(Path(__file__).with_name("examples.json").read_text(encodi
 """Documents of the OpenAPI description, by what they are of."""
 
 MAX_LEVELS = 32
-MAX_ROWS = 20_000
-PARAMETER_LEVELS = (0.025, 0.5, 0.975)
 
 
 def _level(value: float) -> float:
@@ -77,57 +75,6 @@ Horizon = Annotated[
 ]
 Instant = Annotated[datetime, BeforeValidator(_instant), WithJsonSchema({"type": "string", "format": "date-time"})]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-
-
-class Query(BaseModel):
-    """Base of the query strings: a misspelt parameter is refused, not ignored."""
-
-    model_config = ConfigDict(extra="forbid")
-
-
-class ForecastQuery(Query):
-    """Query of GET /zones/{zone}/forecast."""
-
-    level: Levels = Field(
-        default_factory=list,
-        description="probability content of a prediction interval, between 0 and 1; may be repeated",
-        examples=[[0.5, 0.95]],
-    )
-    horizon: Horizon | None = Field(default=None, description="how far beyond valid_time to forecast, inputs foreseen")
-
-
-class ParametersQuery(Query):
-    """Query of GET /zones/{zone}/parameters."""
-
-    level: Levels = Field(
-        default_factory=lambda: list(PARAMETER_LEVELS),
-        description="quantile level, between 0 and 1; may be repeated",
-    )
-
-
-class ZonesQuery(Query):
-    """Query of GET /zones."""
-
-    limit: int | None = Field(default=None, ge=1, le=MAX_ROWS, description="zones at most; without, all of them")
-    after: str | None = Field(
-        default=None, max_length=64, description="the zone that the last page ended with, as `next` told it"
-    )
-
-
-class HistoryQuery(Query):
-    """Query of GET /zones/{zone}/history."""
-
-    start: Instant | None = Field(default=None, description="first time, RFC 3339 with zone, included")
-    end: Instant | None = Field(default=None, description="last time, RFC 3339 with zone, excluded")
-    limit: int = Field(default=1000, ge=1, le=MAX_ROWS, description="the newest rows are given")
-
-
-class ReadingsQuery(Query):
-    """Query of the routes that take readings."""
-
-    precision: Literal["ns", "us", "ms", "s"] = Field(
-        default="ns", description="line protocol: what the time stamps count"
-    )
 
 
 class PostedReading(BaseModel):

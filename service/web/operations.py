@@ -16,38 +16,29 @@ from service.records.record import to_json
 from service.records.status import STATES, ZoneStatus
 from service.records.view import ZoneView
 from service.store.audit import AUDIT, about
-from service.web.access import MOST_NAMES, Administrator, may_read
-from service.web.answering import json_answer
+from service.web.access import MOST_NAMES, Asking, may_read
+from service.web.answering import json_answer, route
 from service.web.models import HealthPayload, ReadyPayload, ReloadPayload, ZoneReadiness
-from service.web.problems import RETRY_SECONDS, documented
+from service.web.problems import RETRY_SECONDS
 from service.web.server.refusal import RequestRefused, few
-from service.web.site import Site
+from service.web.site import Here
 
 
-def operation_routes(site: Site, metrics_registry: CollectorRegistry) -> APIRouter:
+def operation_routes(metrics_registry: CollectorRegistry) -> APIRouter:
     """Routes about the daemon as a whole."""
-    router, backend = APIRouter(tags=["operations"]), site.backend
-    started = time.monotonic()
+    router, started = APIRouter(tags=["operations"]), time.monotonic()
 
-    @router.get(
-        "/healthz",
-        response_model=HealthPayload,
-        responses=documented(500, 503),
-        summary="The process is alive: event loop, estimator and journal answer",
-    )
-    async def healthz(request: Request) -> Response:
-        if found := backend.problems():
+    @route(router, "GET /healthz", refused=(500, 503), response_model=HealthPayload)
+    async def healthz(site: Here, request: Request) -> Response:
+        """The process is alive: event loop, estimator and journal answer"""
+        if found := site.backend.problems():
             raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, found, retry_after=RETRY_SECONDS)
-        payload = HealthPayload(backend.version if may_read(request) else None, time.monotonic() - started)
-        return json_answer(to_json(payload))
+        known = site.backend.version if may_read(request) else None
+        return json_answer(to_json(HealthPayload(known, time.monotonic() - started)))
 
-    @router.get(
-        "/readyz",
-        response_model=ReadyPayload,
-        responses=documented(500, 503),
-        summary="Every zone is fed and fresh, and how old what each knows is",
-    )
-    def readyz() -> Response:
+    @route(router, "GET /readyz", refused=(500, 503), response_model=ReadyPayload)
+    def readyz(site: Here) -> Response:
+        """Every zone is fed and fresh, and how old what each knows is"""
         every = [(zone, zone.now().status) for zone in site.zones.values()]
         behind = [(zone, status) for zone, status in every if status.state != "running"]
         if behind:
@@ -63,30 +54,24 @@ def operation_routes(site: Site, metrics_registry: CollectorRegistry) -> APIRout
         shown = tuple(_readiness(*each) for each in every[:MOST_NAMES])
         return json_answer(to_json(ReadyPayload(shown, len(every))))
 
-    @router.get(
-        "/metrics",
-        response_class=Response,
-        responses={200: {"description": "Prometheus exposition", "content": {"text/plain": {}}}},
-        summary="Metrics for Prometheus",
-    )
-    def metrics(request: Request) -> Response:
+    exposition = {200: {"description": "Prometheus exposition", "content": {"text/plain": {}}}}
+
+    @route(router, "GET /metrics", refused=(), responses=exposition, response_class=Response)
+    def metrics(site: Here, request: Request) -> Response:
+        """Metrics for Prometheus"""
         # Written in a thread: with many zones it is megabytes, for which the event loop must not wait.
         encode, media_type = choose_encoder(request.headers.get("accept", ""))
         return Response(encode(metrics_registry), headers={"Content-Type": media_type})
 
-    @router.post(
-        "/admin/reload",
-        response_model=ReloadPayload,
-        responses=documented(401, 403, 409, 500),
-        summary="Read the configuration again; zones that are the same in it go on untouched",
-    )
-    async def reload_configuration(caller: Administrator) -> Response:
+    @route(router, "POST /admin/reload", refused=(401, 403, 409, 500), response_model=ReloadPayload)
+    async def reload_configuration(site: Here, caller: Asking) -> Response:
+        """Read the configuration again; zones that are the same in it go on untouched"""
         who = f"key {caller.name}"
         AUDIT.info("asked to reload the configuration with the API key '%s'", caller.name, extra=about("reload", who))
         try:
-            if backend.reload is None:
+            if site.backend.reload is None:
                 raise ReloadRefused(["this daemon has no configuration file to read again"])
-            done = await backend.reload()
+            done = await site.backend.reload()
         except ReloadRefused as error:
             # The request is right; the file, or what runs, stands against it.
             raise RequestRefused(HTTPStatus.CONFLICT, error.problems, errors=error.problems) from error

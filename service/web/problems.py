@@ -60,13 +60,13 @@ def problem_response(description: str) -> dict[str, Any]:
 
 
 async def known_parameters(request: Request) -> None:
-    """Dependency of every described route: RequestRefused for query parameters where it has none.
-
-    A misspelt parameter would otherwise be ignored; a route that has some has them in a model that refuses others.
-    """
-    if request.query_params and not request.scope["route"].dependant.query_params:
-        unknown = request.query_params.keys()
-        raise invalid([f"query parameter '{name}' is not known; /docs lists the known ones" for name in unknown])
+    """Dependency of every described route: RequestRefused for query parameters that it has not, for a misspelt one
+    would otherwise be ignored."""
+    known = {parameter.alias for parameter in request.scope["route"].dependant.query_params}
+    if unknown := request.query_params.keys() - known:
+        raise invalid(
+            [f"query parameter '{name}' is not known; /docs lists the known ones" for name in sorted(unknown)]
+        )
 
 
 def install(app: FastAPI) -> None:

@@ -8,9 +8,10 @@ import time
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from http import HTTPStatus
 from itertools import islice
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import TypeAdapter, ValidationError
@@ -20,16 +21,16 @@ from adapters.http.posted import Posted, from_lines, from_senml
 from adapters.reading import Fault, Quality
 from adapters.watched import Seldom
 from service.records.receipt import Receipt
-from service.records.record import document_of
+from service.records.record import document, document_of
 from service.store.audit import AUDIT, about
-from service.web.access import Caller, Writer, find_zone
-from service.web.answering import answer
+from service.web.access import Asking, Caller
+from service.web.answering import json_answer, route
 from service.web.limits import POSTS
-from service.web.models import EXAMPLES, PostedReading, PostedReadings, ReadingsQuery
-from service.web.problems import documented, invalid, sentence_of
+from service.web.models import EXAMPLES, PostedReading, PostedReadings
+from service.web.problems import invalid, sentence_of
 from service.web.server.bodies import unread_json
 from service.web.server.refusal import MOST_SENTENCES, RequestRefused
-from service.web.site import Site
+from service.web.site import Asked, Here, Site
 
 MAX_VALUES = 20_000
 """Values in one request."""
@@ -50,6 +51,9 @@ _ENTRY: TypeAdapter[PostedReading] = TypeAdapter(PostedReading)
 _TAKEN = document_of(Receipt, of_a_zone=False, name="ReadingsPayload")
 
 
+Precision = Annotated[Literal["ns", "us", "ms", "s"], Query(description="line protocol: what the time stamps count")]
+
+
 class Bodies(NamedTuple):
     """What bodies may be, and were."""
 
@@ -62,33 +66,25 @@ class Bodies(NamedTuple):
 def reading_routes(site: Site, bodies: Bodies) -> APIRouter:
     """Routes that take readings."""
     router = APIRouter(tags=["readings"])
-    responses = documented(400, 401, 403, 404, 409, 413, 415, 422, 429, 500, 503)
+    refused = (400, 401, 403, 404, 409, 413, 415, 422, 429, 500, 503)
     body = {"requestBody": _documented_body()}
     complaints = _Complaints(bodies.malformed)
 
-    @router.post(
-        "/readings",
-        response_model=_TAKEN,
-        responses=responses,
-        openapi_extra=body,
-        summary="Readings for the channels of all zones",
-    )
-    async def take_readings(request: Request, caller: Writer, query: Annotated[ReadingsQuery, Query()]) -> Response:
-        return await answered(request, query, caller, None)
+    taking = partial(route, router, refused=refused, response_model=_TAKEN, openapi_extra=body)
 
-    @router.post(
-        "/zones/{zone}/readings",
-        response_model=_TAKEN,
-        responses=responses,
-        openapi_extra=body,
-        summary="Readings for the channels of one zone",
-    )
+    @taking("POST /readings")
+    async def take_readings(site: Here, request: Request, caller: Asking, precision: Precision = "ns") -> Response:
+        """Readings for the channels of all zones"""
+        return await answered(request, precision, caller, None)
+
+    @taking("POST /zones/{zone}/readings")
     async def take_readings_of_zone(
-        zone: str, request: Request, caller: Writer, query: Annotated[ReadingsQuery, Query()]
+        site: Here, view: Asked, request: Request, caller: Asking, precision: Precision = "ns"
     ) -> Response:
-        return await answered(request, query, caller, find_zone(site.zones, zone, caller).id)
+        """Readings for the channels of one zone"""
+        return await answered(request, precision, caller, view.id)
 
-    async def answered(request: Request, query: ReadingsQuery, caller: Caller, zone: str | None) -> Response:
+    async def answered(request: Request, precision: str, caller: Caller, zone: str | None) -> Response:
         take = site.backend.take
         if take is None:
             raise RequestRefused(HTTPStatus.CONFLICT, ["nobody takes readings here"])
@@ -107,12 +103,12 @@ def reading_routes(site: Site, bodies: Bodies) -> APIRouter:
                     packed = len(body)
                     body = await asyncio.to_thread(unpacked, body, request.headers, bodies.limit)
                     site.limiter.posted(max(0, len(body) - packed))
-                posted = await asyncio.to_thread(read, body, request.headers, query.precision)
+                posted = await asyncio.to_thread(read, body, request.headers, precision)
             except RequestRefused as error:
                 complaints.note(error, request.headers, caller.name)
                 raise
             taken = await take(posted, zone)
-        return answer(taken, site.id)
+        return json_answer(document(taken, site.id))
 
     return router
 

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from functools import reduce, wraps
-from operator import or_
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import Depends, Request
 
 from adapters.http.posted import Posted
 from service.publish.events import Streams
 from service.records.receipt import Receipt
-from service.records.record import document_of
 from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
-from service.web.answering import answer
 from service.web.limits import Limiter
-from service.web.problems import documented
 
 Problems = Callable[[], list[str]]
 """What in the daemon does not answer, one sentence each."""
@@ -68,28 +63,3 @@ async def zone_of(zone: str, site: Here, caller: Asking) -> ZoneView:
 
 
 Asked = Annotated[ZoneView, Depends(zone_of)]
-
-Route = Callable[..., Awaitable[Any]]
-"""Takes `site` (Here), `view` (Asked) and what else it asks for; returns a record, or an answer of its own."""
-
-
-def zone_route(router: APIRouter, asked: str, *kinds: type, also: tuple[int, ...] = ()) -> Callable[[Route], Route]:
-    """Decorator: a route about a zone, `asked` for as "GET /zones/{zone}/skill", which answers with a record of one of
-    `kinds`, or with a problem of the usual statuses, or `also` of these. Its docstring is what the document says of
-    it."""
-    method, path = asked.split()
-
-    def add(route: Route) -> Route:
-        @wraps(route)
-        async def answered(site: Site, view: ZoneView, **rest: Any) -> Response:
-            found = await route(site=site, view=view, **rest)
-            return found if isinstance(found, Response) else answer(found, site.id, view.id)
-
-        summary, answered.__doc__ = route.__doc__, None
-        model, responses = reduce(or_, map(document_of, kinds)), documented(*sorted({404, 422, 500, 503, *also}))
-        router.add_api_route(
-            path, answered, methods=[method], response_model=model, responses=responses, summary=summary
-        )
-        return route
-
-    return add

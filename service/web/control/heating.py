@@ -8,7 +8,7 @@ from http import HTTPStatus
 from typing import Annotated
 from zoneinfo import ZoneInfo
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Query
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from service.errors import Away, NoLaw, PlanError
@@ -27,37 +27,17 @@ from service.forecast.heating import (
 from service.forecast.plan import Grid, Plan, Values, check, column
 from service.forecast.request import ForecastRequest, bound, steps_of
 from service.records.outlook import SET_POINTS
-from service.records.record import document_of
 from service.records.view import Answer, Question, ZoneView
 from service.web.access import Asking, find_zone
-from service.web.answering import answer, asked, newest
+from service.web.answering import asked, newest, route
 from service.web.models import Finite, Horizon
-from service.web.models import Query as Parameters
 from service.web.planned import PlannedInput, named_apart, values_of
-from service.web.problems import documented, invalid
+from service.web.problems import invalid
 from service.web.server.refusal import RequestRefused
-from service.web.site import Asked, Here, zone_route
+from service.web.site import Asked, Here
 
 _AT_ONCE = 4
 """Zones of a site's demand that are asked at once."""
-
-
-class PreheatQuery(Parameters):
-    """Query of GET /zones/{zone}/preheat."""
-
-    target: Finite = Field(description="temperature to reach, degC, within what may be planned as a set-point")
-    by: str = Field(
-        max_length=40,
-        description="when: the next time of day in the site's time zone, such as 06:30, or RFC 3339 with zone",
-        examples=["06:30"],
-    )
-    probability: float = Field(default=0.9, gt=0.0, lt=1.0, description="of being warm in time")
-    tolerance: float = Field(
-        default=0.5,
-        ge=0.1,
-        le=3.0,
-        description="K below the target at which the zone counts as warm: most thermostats stop short of it",
-    )
 
 
 class _Body(BaseModel):
@@ -99,34 +79,52 @@ class WhatIfBody(_Body):
 router = APIRouter(tags=["heating"])
 
 
-@zone_route(router, "GET /zones/{zone}/preheat", Preheat, also=(409,))
-async def preheat(site: Here, view: Asked, query: Annotated[PreheatQuery, Query()]) -> Preheat:
+@route(router, "GET /zones/{zone}/preheat", Preheat, also=(409,))
+async def preheat(
+    site: Here,
+    view: Asked,
+    target: Annotated[
+        Finite, Query(description="temperature to reach, degC, within what may be planned as a set-point")
+    ],
+    by: Annotated[
+        str,
+        Query(
+            max_length=40,
+            description="when: the next time of day in the site's time zone, such as 06:30, or RFC 3339 with zone",
+            examples=["06:30"],
+        ),
+    ],
+    probability: Annotated[float, Query(gt=0.0, lt=1.0, description="of being warm in time")] = 0.9,
+    tolerance: Annotated[
+        float,
+        Query(
+            ge=0.1,
+            le=3.0,
+            description="K below the target at which the zone counts as warm: most thermostats stop short of it",
+        ),
+    ] = 0.5,
+) -> Preheat:
     """The latest time to raise the set-point for the zone to be warm in time"""
-    _check(view, 1, query.target, "query parameter 'target'")
+    _check(view, 1, target, "query parameter 'target'")
     start, zone = newest(view).forecast.valid_time, site.backend.time_zone
     try:
-        by = moment(query.by, start, UTC if zone is None else ZoneInfo(zone))
-        check_until(by, start, view.period)
+        until = moment(by, start, UTC if zone is None else ZoneInfo(zone))
+        check_until(until, start, view.period)
     except PlanError as error:
         raise invalid([f"query parameter 'by' {error}"]) from None
-    question = PreheatQuestion(query.target, by, query.probability, query.tolerance)
-    return await _answer(view, by - start, question)
+    return await _answer(view, until - start, PreheatQuestion(target, until, probability, tolerance))
 
 
-@zone_route(router, "POST /zones/{zone}/demand", Demand, also=(400, 409))
+@route(router, "POST /zones/{zone}/demand", Demand, also=(400, 409))
 async def demand(site: Here, view: Asked, body: DemandBody) -> Demand:
     """The energy that the zone's thermostat will call for, hour by hour"""
     called = await _answer(view, body.horizon, _demand(view, body))
     return called.demand
 
 
-@router.post(
-    "/demand",
-    response_model=document_of(SiteDemand, of_a_zone=False),
-    responses=documented(400, 404, 422, 500, 503),
-    summary="The energy that the thermostats of several zones will call for, and its sum",
-)
-async def site_demand(site: Here, caller: Asking, body: SiteDemandBody) -> Response:
+@route(router, "POST /demand", SiteDemand, also=(400,))
+async def site_demand(site: Here, caller: Asking, body: SiteDemandBody) -> SiteDemand:
+    """The energy that the thermostats of several zones will call for, and its sum"""
     seen = [zone for zone in site.zones if caller.sees(zone)]
     wanted = [find_zone(site.zones, zone, caller) for zone in dict.fromkeys(body.zones or seen)]
     turns = asyncio.Semaphore(_AT_ONCE)
@@ -149,10 +147,10 @@ async def site_demand(site: Here, caller: Asking, body: SiteDemandBody) -> Respo
         ZoneTotal(zone, None, one) if isinstance(one, str) else ZoneTotal(zone, one.demand.total)
         for zone, one in found.items()
     ]
-    return answer(SiteDemand(body.horizon, summed, rows), site.id)
+    return SiteDemand(body.horizon, summed, rows)
 
 
-@zone_route(router, "POST /zones/{zone}/what-if", Comparison, also=(400, 409))
+@route(router, "POST /zones/{zone}/what-if", Comparison, also=(400, 409))
 async def what_if(site: Here, view: Asked, body: WhatIfBody) -> Comparison:
     """What other plans of set-points change: energy, cost, hours below the set-point"""
     steps = _steps(view, body.horizon, len(body.plans))

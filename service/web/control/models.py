@@ -11,19 +11,12 @@ from service.records.fan import CompactOutputPayload
 from service.records.outlook import InputOrigin
 from service.records.record import Time, record, shown
 from service.records.trust import HorizonTrust
-from service.web.models import EXAMPLES, Horizon, Levels, Query
+from service.web.models import EXAMPLES, Horizon, Levels
 from service.web.planned import PlannedInput, named_apart
 
 MAX_DRAWS = 1000
 MAX_PLANS = 64
 MAX_ZONES = 500
-
-
-class ModelQuery(Query):
-    """Query of GET /zones/{zone}/model."""
-
-    step: Horizon | None = Field(default=None, description="step of the matrices; default: the zone's period")
-    draws: int = Field(default=100, ge=1, le=MAX_DRAWS, description="how many draws at most")
 
 
 class SitePlan(BaseModel):

@@ -19,22 +19,23 @@ from service.forecast.request import ForecastRequest, Mistake, bound, mistakes, 
 from service.forecast.site import forecasts as under
 from service.forecast.site import neighbourhood
 from service.records.fan import Fan
-from service.records.record import document, document_of, to_json, with_items
+from service.records.record import document, to_json, with_items
 from service.records.trust import Trust
 from service.web.access import Asking, find_zone
-from service.web.answering import asked, json_answer, no_forecast
+from service.web.answering import asked, json_answer, no_forecast, route
 from service.web.control.answers import model_npz, zone_forecast
 from service.web.control.models import (
-    ModelQuery,
+    MAX_DRAWS,
     PlanForecastPayload,
     SiteForecastPayload,
     SiteForecastRequest,
 )
 from service.web.limits import LARGE
+from service.web.models import Horizon
 from service.web.planned import inputs_of
-from service.web.problems import documented, invalid
+from service.web.problems import invalid
 from service.web.server.refusal import RequestRefused
-from service.web.site import Asked, Here, zone_route
+from service.web.site import Asked, Here
 
 NPZ = "application/x-npz"
 
@@ -45,23 +46,25 @@ MANY_NUMBERS = 100_000
 router = APIRouter(tags=["control"])
 
 
-@router.get(
-    "/zones/{zone}/model",
-    response_model=document_of(ModelPayload),
-    responses=documented(404, 422, 500, 503) | {200: {"content": {NPZ: {"schema": {"type": "string"}}}}},
-    summary="State-space matrices: posterior mean and draws, state, covariance; JSON, or npz by Accept",
+@route(
+    router,
+    "GET /zones/{zone}/model",
+    ModelPayload,
+    responses={200: {"content": {NPZ: {"schema": {"type": "string"}}}}},
 )
 async def model(
     site: Here,
     view: Asked,
-    query: Annotated[ModelQuery, Query()],
+    step: Annotated[Horizon | None, Query(description="step of the matrices; default: the zone's period")] = None,
+    draws: Annotated[int, Query(ge=1, le=MAX_DRAWS, description="how many draws at most")] = 100,
     accept: Annotated[str, Header()] = "application/json",
 ) -> Response:
-    if query.step is not None and query.step > DAY:
-        raise invalid([f"step {format_duration(query.step)} is longer than a day"])
-    periods = 1 if query.step is None else whole_steps(query.step, view.period, "step")
+    """State-space matrices: posterior mean and draws, state, covariance; JSON, or npz by Accept"""
+    if step is not None and step > DAY:
+        raise invalid([f"step {format_duration(step)} is longer than a day"])
+    periods = 1 if step is None else whole_steps(step, view.period, "step")
     try:
-        found = await asked(view, ModelQuestion(periods, query.draws, view.estimator))
+        found = await asked(view, ModelQuestion(periods, draws, view.estimator))
     except NoModel as error:
         sentence = f"the estimator '{view.estimator}' of zone '{view.id}' has no model: {error}"
         raise RequestRefused(HTTPStatus.NOT_FOUND, [sentence]) from None
@@ -70,7 +73,7 @@ async def model(
     return Response(await asyncio.to_thread(write, found, site.id, view.id), media_type=kind)
 
 
-@zone_route(router, "GET /zones/{zone}/trust", Trust)
+@route(router, "GET /zones/{zone}/trust", Trust)
 async def trust(site: Here, view: Asked) -> Trust:
     """How far a controller may rely on the zone's forecasts, horizon by horizon"""
     found = view.now().trust
@@ -79,13 +82,9 @@ async def trust(site: Here, view: Asked) -> Trust:
     return found
 
 
-@router.post(
-    "/forecasts",
-    response_model=document_of(SiteForecastPayload, of_a_zone=False),
-    responses=documented(400, 404, 422, 500, 503),
-    summary="Forecasts of several zones under several plans, neighbours simulated together",
-)
+@route(router, "POST /forecasts", SiteForecastPayload, also=(400,))
 async def forecasts(site: Here, caller: Asking, body: SiteForecastRequest) -> Response:
+    """Forecasts of several zones under several plans, neighbours simulated together"""
     seen = {zone: view for zone, view in site.zones.items() if caller.sees(zone)}
     wanted = [find_zone(site.zones, zone, caller) for zone in dict.fromkeys(body.zones) or seen]
     plans = [Plan(one.name, {zone: inputs_of(given) for zone, given in one.inputs.items()}) for one in body.plans]

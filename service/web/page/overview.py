@@ -8,20 +8,18 @@ from collections.abc import AsyncIterator, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from fastapi import APIRouter, Depends
-from fastapi.responses import Response, StreamingResponse
+from fastapi import APIRouter
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 from adapters.reading import Quality
 from service.errors import ServiceError
 from service.publish.events import RECONNECT_MS, Event
 from service.publish.payloads import AHEAD_STEP, AheadPayload, periods
-from service.records.record import document, document_of
+from service.records.record import document
 from service.records.series import Series
 from service.records.view import ZoneView
-from service.web.access import OVERVIEW_PREFIX, Asking, Caller
-from service.web.answering import answer, described_events, events_answer
-from service.web.limits import stream_slot
+from service.web.access import Asking, Caller
+from service.web.answering import events_route, route
 from service.web.page.payloads import (
     ExpectedPayload,
     FindingName,
@@ -30,8 +28,7 @@ from service.web.page.payloads import (
     OverviewRow,
     SparkPayload,
 )
-from service.web.problems import documented
-from service.web.site import Site
+from service.web.site import Here, Site
 
 LEADS = (3600, 6 * 3600)
 """How far ahead the overview looks, s."""
@@ -73,31 +70,27 @@ class Spark(NamedTuple):
 def overview_routes(site: Site) -> APIRouter:
     """The routes over the zones of `site`."""
     zones, streams = site.zones, site.streams
-    router = APIRouter(prefix=OVERVIEW_PREFIX, tags=["overview"])
+    router = APIRouter(tags=["overview"])
     sparks: dict[str, Spark] = {}
 
     def row(zone: ZoneView, spark: Spark | None) -> OverviewRow:
         return overview_row(zone, streams.ahead.get(zone.id), spark)
 
-    @router.get(
-        "",
-        response_model=document_of(OverviewPayload, of_a_zone=False),
-        responses=documented(500),
-        summary="Every zone at a glance",
-    )
-    def overview(caller: Asking) -> Response:
+    @route(router, "GET /overview", OverviewPayload, refused=(500,))
+    def overview(site: Here, caller: Asking) -> OverviewPayload:
+        """Every zone at a glance"""
         rows = tuple(row(zone, sparks.get(name)) for name, zone in tuple(zones.items()) if caller.sees(name))
-        return answer(OverviewPayload(site.backend.time_zone, rows), site.id)
+        return OverviewPayload(site.backend.time_zone, rows)
 
-    @router.get(
-        "/stream",
-        response_class=Response,
-        responses=described_events("`rows`, an OverviewChange each") | documented(429, 500, 503),
-        dependencies=[Depends(stream_slot)],
+    @events_route(
+        router,
+        "/overview/stream",
+        "`rows`, an OverviewChange each",
         summary="What changes at a glance, at most once a second",
+        refused=(429, 500, 503),
     )
-    async def stream(caller: Asking) -> StreamingResponse:
-        return events_answer(_events(caller))
+    async def stream(caller: Asking) -> AsyncIterator[bytes]:
+        return _events(caller)
 
     async def _events(caller: Caller) -> AsyncIterator[bytes]:
         with streams.opened() as news:
@@ -121,8 +114,8 @@ def overview_routes(site: Site) -> APIRouter:
             zone = zones.get(name)
             if zone is None:
                 removed.append(name)
-                for known in (shown, sparks):
-                    known.pop(name, None)
+                shown.pop(name, None)
+                sparks.pop(name, None)
                 continue
             spark = await _spark(zone)
             news = spark is not None and shown.get(name) != spark.sample_time
@@ -161,7 +154,7 @@ def overview_row(zone: ZoneView, ahead: AheadPayload | None, spark: Spark | None
         zone.period,
         sample_time=None if update is None else update.time,
         temperature=math.nan if update is None else update.y[0],
-        disturbed=update is not None and update.shown_gate.regime == _HIGH,
+        disturbed=update is not None and update.shown_gate.regime == "high",
         expected=expected,
         expected_from=update.forecast.valid_time if update is not None and expected else None,
         trust=None if trust is None else trust.level,
@@ -169,9 +162,6 @@ def overview_row(zone: ZoneView, ahead: AheadPayload | None, spark: Spark | None
         findings=tuple(FindingName(one.finding, one.subject) for one in status.diagnosis.findings),
         spark=None if spark is None else spark.line,
     )
-
-
-_HIGH = "high"
 
 
 def _seconds(seconds: int, period: float) -> int:

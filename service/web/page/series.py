@@ -8,48 +8,46 @@ from typing import Annotated
 
 import numpy as np
 from fastapi import APIRouter, Query
-from pydantic import Field
 
 from adapters.fields.times import utc
 from service.records.series import GAIN, Array, Series
 from service.records.view import ZoneView
+from service.web.answering import route
 from service.web.models import Instant
-from service.web.models import Query as QueryModel
 from service.web.page.payloads import SeriesGain, SeriesInput, SeriesPayload
 from service.web.problems import invalid
-from service.web.site import Asked, Here, zone_route
+from service.web.site import Asked, Here
 
 MAX_POINTS = 2000
 DAY = 86400
 _DEFAULT_POINTS = 800
 
 
-class SeriesQuery(QueryModel):
-    """Query of GET /zones/{zone}/series."""
-
-    start: Instant | None = Field(default=None, description="first time, RFC 3339 with zone; default: a day before end")
-    end: Instant | None = Field(default=None, description="end, excluded; default: after the newest sample")
-    points: int = Field(default=_DEFAULT_POINTS, ge=10, le=MAX_POINTS, description="how many buckets at most")
-
-
 _EARLIEST, _LATEST = (int(datetime(year, 1, 1, tzinfo=UTC).timestamp()) for year in (1900, 2200))
 """What is asked for beyond these times, UTC s, holds nothing."""
 
 
-router = APIRouter(prefix="/zones", tags=["zones"])
+router = APIRouter(tags=["zones"])
 
 
-@zone_route(router, "GET /{zone}/series", SeriesPayload)
-async def series(site: Here, view: Asked, query: Annotated[SeriesQuery, Query()]) -> SeriesPayload:
+@route(router, "GET /zones/{zone}/series", SeriesPayload)
+async def series(
+    site: Here,
+    view: Asked,
+    start: Annotated[
+        Instant | None, Query(description="first time, RFC 3339 with zone; default: a day before end")
+    ] = None,
+    end: Annotated[Instant | None, Query(description="end, excluded; default: after the newest sample")] = None,
+    points: Annotated[int, Query(ge=10, le=MAX_POINTS, description="how many buckets at most")] = _DEFAULT_POINTS,
+) -> SeriesPayload:
     """History in a bounded number of points, with the inputs: for charts"""
-    end = math.ceil(query.end.timestamp()) if query.end is not None else _end(view)
-    start = math.ceil(query.start.timestamp()) if query.start is not None else end - DAY
+    until = _end(view) if end is None else math.ceil(end.timestamp())
+    since = until - DAY if start is None else math.ceil(start.timestamp())
     # Times that a time stamp can say, whatever is asked for.
-    start, end = max(start, _EARLIEST), min(end, _LATEST)
-    if start >= end:
-        raise invalid([f"start {utc(start):%Y-%m-%dT%H:%M:%SZ} is not before end {utc(end):%Y-%m-%dT%H:%M:%SZ}"])
-    found = _payload(view, start, end, await view.series(start, end, query.points))
-    return found
+    since, until = max(since, _EARLIEST), min(until, _LATEST)
+    if since >= until:
+        raise invalid([f"start {utc(since):%Y-%m-%dT%H:%M:%SZ} is not before end {utc(until):%Y-%m-%dT%H:%M:%SZ}"])
+    return _payload(view, since, until, await view.series(since, until, points))
 
 
 def _payload(zone: ZoneView, start: int, end: int, series: Series) -> SeriesPayload:
