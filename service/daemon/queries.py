@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 from starlette.types import ASGIApp
 
 from service.publish.zenoh import Question, Reply
-from service.web.access import Caller
+from service.web.keys import Caller
 from service.web.server.in_process import ask
 
 ROUTES = {
@@ -28,7 +28,7 @@ ROUTES = {
 LONGEST = 1_000_000
 """Bytes of a payload at most, as a body of REST by default."""
 
-_CALLER = Caller("zenoh")
+_CALLER = Caller(name="zenoh")
 """Who may connect to Zenoh is decided there, and may read every zone."""
 
 _log = logging.getLogger(__name__)

@@ -143,13 +143,13 @@ class Streams(Sink):
 
     def add(self, zone: str) -> None:
         """A zone has come; its streams are opened by its clients."""
-        self._in_loop(lambda: self.note(zone))
+        self._in_loop(self.note, zone)
 
     def remove(self, zone: str) -> None:
         """End the streams of `zone`."""
         self.ahead.pop(zone, None)
-        self._in_loop(lambda: self.note(zone))
-        self._in_loop(lambda: self.end(zone))
+        self._in_loop(self.note, zone)
+        self._in_loop(self.end, zone)
 
     def publish(self, announcement: Announcement) -> None:
         """Leave what is announced for the clients of its zone."""
@@ -157,10 +157,9 @@ class Streams(Sink):
         if ahead is not None:
             self.ahead[zone] = ahead
         if zone in self._open:
-            events = events_of(announcement)
-            self._in_loop(lambda: self._leave(zone, events))
+            self._in_loop(self._leave, zone, events_of(announcement))
         if EVERY_ZONE in self._open:
-            self._in_loop(lambda: self.note(zone))
+            self._in_loop(self.note, zone)
 
     def measures(self) -> list[Measure]:
         """What clients were too slow for; how many streams are open is counted where that is bounded."""
@@ -170,11 +169,11 @@ class Streams(Sink):
         """End all streams, for good."""
         self._in_loop(self.end)
 
-    def _in_loop(self, work: Callable[[], object]) -> None:
+    def _in_loop(self, work: Callable[..., object], *arguments: object) -> None:
         # Where the loop is gone, so are the clients.
         if self._loop is not None:
             with suppress(RuntimeError):
-                self._loop.call_soon_threadsafe(work)
+                self._loop.call_soon_threadsafe(work, *arguments)
 
     def _leave(self, zone: str, events: list[Event]) -> None:
         for stream in self._open.get(zone, ()):

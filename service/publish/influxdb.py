@@ -13,9 +13,8 @@ import re
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime
-from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
@@ -42,7 +41,6 @@ _CLOSE_SECONDS = 2.0
 _TAGS = ("zone", "site", "output", "channel", "block", "level", "lead_s", "days", "member", "finding", "subject")
 _LEFT_OUT = ("schema", "unit", "sample_time", "issue_time", "valid_time", "last_sample_time")
 _SPECIAL = re.compile(r"([,= \\])")
-_SPECIAL_IN_STRING = re.compile(r'(["\\])')
 
 _log = logging.getLogger(__name__)
 
@@ -65,34 +63,32 @@ class LinesConfig(LoginConfig):
         return self
 
 
-class Database:
-    """Where lines go over HTTP, by the interface of version 1, which the later versions have as well."""
-
-    def __init__(self, table: LinesConfig, url: str) -> None:
-        self._server, self._database = Server(url, table), table.database
-
-    def write(self, lines: str) -> None:
-        """Raises SourceUnavailable where it may take them later, and SourceConfigError where it never will."""
-        self._server.post("/write", {"db": self._database}, lines.encode())
+Write = Callable[[str], None]
+"""Writes lines, all or none. Raises SourceUnavailable where they may be taken later, SourceConfigError where they never
+will."""
 
 
-class Lines:
-    """Where lines go into a file."""
+def to_database(table: LinesConfig, url: str) -> Write:
+    """Over HTTP, by the interface of version 1, which the later versions have as well."""
+    server = Server(url, table)
+    return lambda lines: server.post("/write", {"db": table.database}, lines.encode())
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
 
-    def write(self, lines: str) -> None:
-        """Add `lines`, all or none. Raises SourceUnavailable."""
+def to_file(path: Path) -> Write:
+    """At the end of a file."""
+
+    def write(lines: str) -> None:
         try:
             # Opened every time: what rotates logs may have moved it.
-            with self._path.open("ab", buffering=0) as file:
+            with path.open("ab", buffering=0) as file:
                 size, content = file.tell(), lines.encode()
                 if file.write(content) != len(content):
                     file.truncate(size)
                     raise OSError("the disk is full")
         except OSError as error:
-            raise SourceUnavailable(f"{self._path} cannot be written ({error.strerror or error})") from error
+            raise SourceUnavailable(f"{path} cannot be written ({error.strerror or error})") from error
+
+    return write
 
 
 class _Waiting(NamedTuple):
@@ -102,15 +98,12 @@ class _Waiting(NamedTuple):
     document: bytes
     announced: float
 
-    def lines(self) -> Iterator[str]:
-        return lines_of(self.topic, json.loads(self.document), self.announced)
-
 
 class Writer(Sink):
     """Writes what zones announce, in a thread of its own. Methods may be called from any thread."""
 
-    def __init__(self, place: Database | Lines) -> None:
-        self._place = place
+    def __init__(self, write: Write) -> None:
+        self._write = write
         self._waiting: deque[_Waiting] = deque()
         self._held = self._dropped = 0
         self._reached: bool | None = None
@@ -123,12 +116,6 @@ class Writer(Sink):
         self._thread.start()
         return self
 
-    def add(self, zone: str) -> None:
-        """Zones need no room of their own."""
-
-    def remove(self, zone: str) -> None:
-        """What was announced of a zone stays true."""
-
     def publish(self, announcement: Announcement) -> None:
         """Leave what is announced for the thread."""
         with self._news:
@@ -139,9 +126,6 @@ class Writer(Sink):
                 self._held -= len(self._waiting.popleft().document)
                 self._dropped += 1
             self._news.notify()
-
-    def settle(self) -> None:
-        """Nobody is waited for."""
 
     def measures(self) -> list[Measure]:
         """Whether the lines arrive, and what did not."""
@@ -163,10 +147,12 @@ class Writer(Sink):
         pause = GrowingPause(_FIRST_PAUSE, _LONGEST_PAUSE)
         while batch := self._next():
             try:
-                self._place.write("".join(chain.from_iterable(one.lines() for one in batch)))
+                self._write("".join(line for one in batch for line in lines_of(one.topic, one.document, one.announced)))
             except SourceUnavailable as error:
                 self._report(False, f"{error}; what is announced waits for it, {MOST_WAITING / 2**20:.0f} MiB at most")
-                self._back(batch)
+                with self._news:
+                    self._waiting.extendleft(reversed(batch))
+                    self._held += sum(len(one.document) for one in batch)
                 if self._closing.wait(pause.seconds):
                     return
                 pause.grow()
@@ -190,11 +176,6 @@ class Writer(Sink):
             self._held -= size
         return batch
 
-    def _back(self, batch: Sequence[_Waiting]) -> None:
-        with self._news:
-            self._waiting.extendleft(reversed(batch))
-            self._held += sum(len(one.document) for one in batch)
-
     def _report(self, reached: bool, sentence: str) -> None:
         """Log `sentence` where it is not as it was."""
         if reached is not self._reached:
@@ -202,12 +183,13 @@ class Writer(Sink):
         self._reached = reached
 
 
-def lines_of(topic: str, document: Mapping[str, Any], announced: float) -> Iterator[str]:
+def lines_of(topic: str, document: bytes, announced: float) -> Iterator[str]:
     """The lines of the JSON `document` of `topic`, each with its line feed. A point has the time that it is about:
     `valid_time`, or else `sample_time`; the status has the time of the zone's clock, or else `announced`, UTC s."""
-    last = document.get("last_sample_time")
-    now = announced if last is None else _seconds(last) + document["age_s"]
-    yield from _points(f"thermogate_{topic}", document, {}, now)
+    content = json.loads(document)
+    last = content.get("last_sample_time")
+    now = announced if last is None else _seconds(last) + content["age_s"]
+    yield from _points(f"thermogate_{topic}", content, {}, now)
 
 
 def _points(measurement: str, node: Mapping[str, Any], tags: Mapping[str, str], moment: float) -> Iterator[str]:
@@ -241,7 +223,7 @@ def _written(value: bool | float | str) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return '"' + _SPECIAL_IN_STRING.sub(r"\\\1", value) + '"'
+        return '"' + re.sub(r'(["\\])', r"\\\1", value) + '"'
     # Without an `i` after it, a number is a float: a field must not change its type.
     return repr(value)
 
@@ -262,8 +244,8 @@ def _problems(table: LinesConfig) -> Iterator[str]:
 
 def _open(table: LinesConfig, site: str) -> Writer | None:
     if table.url is not None:
-        return Writer(Database(table, table.url)).open()
-    return None if table.file is None else Writer(Lines(table.file)).open()
+        return Writer(to_database(table, table.url)).open()
+    return None if table.file is None else Writer(to_file(table.file)).open()
 
 
 KIND = SinkKind("influxdb", LinesConfig, lambda table: list(_problems(table)), _open)

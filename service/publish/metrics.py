@@ -23,7 +23,7 @@ from estimator.diagnosis.finding import FINDINGS
 from estimator.types import ALPHA_LEVELS
 from service.publish.payloads import clock
 from service.publish.sinks import NO_REPORTS, Announcement, Occasion, Reports, Sink
-from service.records.measures import Measure, family
+from service.records.measures import Measure
 from service.records.status import STATES, ZoneState
 from service.records.trust import LEVELS as TRUST_LEVELS
 from service.records.update import Update
@@ -77,7 +77,7 @@ class Metrics(Sink):
     def register(self, measures: Iterable[Measure]) -> None:
         """Expose `measures`, each read at every scrape. Raises ValueError for a name that is taken."""
         for measure in measures:
-            self.registry.register(_MeasureCollector(measure))
+            self.registry.register(measure)
 
     def add(self, zone: str) -> None:
         """Show the counters of `zone` from now on, at 0: a scraper sees a rise only from a value that it knew."""
@@ -187,20 +187,6 @@ def _of_status(zone: ZoneState, reports: Reports) -> Iterator[_Figure]:
             yield "trust", float(one.level == level), format_duration(one.lead), level
     for name in STATES:
         yield "zone_state", float(status.state == name), name
-
-
-class _MeasureCollector(Collector):
-    """One measure; without describing it beforehand, for that would read it."""
-
-    def __init__(self, measure: Measure) -> None:
-        self._measure = measure
-
-    def collect(self) -> Iterable[Metric]:
-        return (family(self._measure),)
-
-    def describe(self) -> Iterable[Metric]:
-        """The family alone: nothing is read for a registration."""
-        return (family(self._measure._replace(read=tuple)),)
 
 
 class _OfZones(Collector):

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal, TypeVar
+
+import numpy as np
 
 from adapters.reading import Quality
 from adapters.units import default_valid_range
@@ -89,12 +91,9 @@ class ForecastPayload:
     suspected: tuple[str, ...] = shown(_SUSPECTED)
 
     @classmethod
-    def of(cls, update: Update, levels: Sequence[float] | None = None) -> ForecastPayload:
-        """The forecast that `update` issued; `levels` picks some of its intervals, in that order (None: all)."""
-        outputs = update.forecast.outputs
-        if levels is not None:
-            outputs = tuple(_narrowed(output, levels) for output in outputs)
-        return cls(*_standing(update, outputs))
+    def of(cls, update: Update, outputs: tuple[OutputForecast, ...] = ()) -> ForecastPayload:
+        """The forecast that `update` issued; `outputs` have other intervals than the published ones."""
+        return cls(*_standing(update, outputs or update.forecast.outputs))
 
 
 @record
@@ -117,11 +116,10 @@ class FanPayload(ForecastPayload):
     @classmethod
     def of_steps(cls, fan: Fan, planned: Iterable[str] = ()) -> FanPayload:
         """All steps of `fan`; `planned` names the channels that followed a plan."""
-        forecast, steps = fan.update.forecast, _steps(fan)
+        forecast, each = fan.update.forecast, steps(fan)
         period = forecast.valid_time - forecast.sample_time
-        told = tuple(FanStepPayload(forecast.valid_time + k * period, step) for k, step in enumerate(steps))
-        horizon = (len(steps) - 1) * period
-        return cls(*(*_standing(fan.update, steps[0]), horizon, tuple(planned), fan.origins, told))
+        told = tuple(FanStepPayload(forecast.valid_time + k * period, step) for k, step in enumerate(each))
+        return cls(*_standing(fan.update, each[0]), (len(each) - 1) * period, tuple(planned), fan.origins, told)
 
 
 @record
@@ -151,16 +149,12 @@ class AheadOutputPayload:
     def of(cls, one: CompactOutputPayload, sample_time: int, period: float) -> AheadOutputPayload:
         """The hours ahead of `one`, an output of a fan with a single level, of a zone with this `period` [s]."""
 
-        def horizons() -> Iterator[AheadHorizonPayload]:
-            for steps in (round(horizon / period) for horizon in HORIZONS):
-                # One step ahead is the published forecast itself.
-                if 1 < steps <= len(one.mean):
-                    lead, columns = round(steps * period), (one.mean, one.sd, one.lower[0], one.upper[0])
-                    at = (float(column[steps - 1]) for column in columns)
-                    yield AheadHorizonPayload(lead, sample_time + lead, *at)
-
-        some = slice(None, None, ahead_stride(period))
-        return cls(one.output, tuple(horizons()), one.mean[some], one.lower[0, some], one.upper[0, some])
+        columns = np.array([one.mean, one.sd, one.lower[0], one.upper[0]])
+        counts = (round(horizon / period) for horizon in HORIZONS)
+        # One step ahead is the published forecast itself.
+        leads = {round(count * period): count - 1 for count in counts if 1 < count <= len(one.mean)}
+        horizons = [AheadHorizonPayload(k, sample_time + k, *columns[:, at].tolist()) for k, at in leads.items()]
+        return cls(one.output, tuple(horizons), *columns[[0, 2, 3], :: periods(AHEAD_STEP, period)])
 
 
 @record
@@ -203,18 +197,13 @@ class AheadPayload:
             forecast.sample_time,
             forecast.issue_time,
             forecast.valid_time,
-            ahead_stride(period) * period,
+            periods(AHEAD_STEP, period) * period,
             fan.levels[0],
             quality(fan.update) if credible(status, means, limits) else Quality.BAD,
             suspected(status),
             tuple(AheadOutputPayload.of(one, forecast.sample_time, period) for one in fan.outputs),
             heating,
         )
-
-
-def ahead_stride(period: float) -> int:
-    """Periods [s] from one value of the published fan to the next."""
-    return periods(AHEAD_STEP, period)
 
 
 def periods(seconds: float, period: float) -> int:
@@ -376,11 +365,6 @@ def suspected(status: ZoneStatus) -> tuple[str, ...]:
     return tuple(one.finding for one in status.diagnosis.findings if one.finding in TELEMETRY)
 
 
-def refined(fan: Fan) -> ForecastPayload:
-    """The published forecast of `fan`, with the intervals that were asked for."""
-    return ForecastPayload(*_standing(fan.update, _steps(fan)[0]))
-
-
 def clock(status: ZoneStatus) -> float:
     """The time that ages in `status` count from, UTC seconds."""
     return time.time() if status.now is None else status.now
@@ -403,7 +387,7 @@ def _standing(update: Update, outputs: tuple[OutputForecast, ...]) -> tuple[Any,
     return (*times, *top, *filtered, forecast.inputs, quality(update), ())
 
 
-def _steps(fan: Fan) -> list[tuple[OutputForecast, ...]]:
+def steps(fan: Fan) -> list[tuple[OutputForecast, ...]]:
     """The forecast of every output, step by step."""
     each = []
     for one in fan.outputs:
@@ -414,6 +398,9 @@ def _steps(fan: Fan) -> list[tuple[OutputForecast, ...]]:
     return list(zip(*each, strict=True))
 
 
-def _narrowed(output: OutputForecast, levels: Sequence[float]) -> OutputForecast:
-    at = {interval.level: interval for interval in output.intervals}
-    return replace(output, intervals=tuple(at[level] for level in levels))
+def at_levels(update: Update, levels: Sequence[float]) -> tuple[OutputForecast, ...]:
+    """The published forecast of every output, with some of its intervals, in the order of `levels`."""
+    return tuple(
+        replace(one, intervals=tuple(i for level in levels for i in one.intervals if i.level == level))
+        for one in update.forecast.outputs
+    )

@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from threading import BoundedSemaphore
 from typing import NamedTuple, Protocol, Self
 
@@ -28,7 +29,7 @@ from adapters.zenoh.connection import Mode, SessionConfig
 from adapters.zenoh.link import first_line, refusal, session_config
 from service.errors import ServiceError
 from service.publish.sinks import TOPICS, Announcement, Sink, SinkKind
-from service.records.measures import Measure, single
+from service.records.measures import Measure, Rows, single
 
 _POLL_SECONDS = 0.02
 _CLOSE_SECONDS = 1.0
@@ -171,8 +172,15 @@ class Publisher(Sink):
             self.await_subscriber(self._patience)
 
     def measures(self) -> list[Measure]:
-        """How the session is connected."""
-        return [Measure.called("thermogate_zenoh_peers", lambda: single(float(self.connected)))]
+        """How many sessions ours is connected to."""
+
+        def peers() -> Rows:
+            try:
+                return single(0.0 if self._closed else float(len(self._session.info.transports())))
+            except zenoh.ZError:
+                return single(0.0)
+
+        return [Measure.called("thermogate_zenoh_peers", peers)]
 
     def await_subscriber(self, timeout: float) -> bool:
         """Wait at most `timeout` s until every zone's forecast has a subscriber; whether they have."""
@@ -190,14 +198,6 @@ class Publisher(Sink):
                 return False
             time.sleep(_POLL_SECONDS)
         return False
-
-    @property
-    def connected(self) -> int:
-        """How many sessions ours is connected to."""
-        try:
-            return 0 if self._closed else len(self._session.info.transports())
-        except zenoh.ZError:
-            return 0
 
     def close(self) -> None:
         """Undeclare everything and close the session, within a second; safe to call twice."""
@@ -229,28 +229,18 @@ class Publisher(Sink):
                 raise ServiceError(f"[zenoh]: {key} cannot be published ({first_line(error)})") from error
 
     def _questioned(self, key: str, zone: str | None, topic: str) -> _Declared:
-        """A queryable for a question."""
+        """A queryable for a question. Zenoh's thread is not kept waiting: it is answered when there is an answer."""
 
         def asked(query: zenoh.Query) -> None:
-            # Zenoh's thread is not kept waiting: the query is answered when there is an answer.
-            self._ask(query, key, zone, topic)
+            if self._answering is None or self._closed:
+                query.drop()
+            elif self._waiting.acquire(blocking=False):
+                payload = b"" if query.payload is None else query.payload.to_bytes()
+                self._answering(Question(zone, topic, _parameters(query), payload), partial(reply, query))
+            else:
+                _refuse(query, f"more than {MOST_QUESTIONS} questions wait for their answers; ask again later")
 
-        # Of several that know all of it, such as the gateways of a fleet, the nearest answers.
-        declared: _Declared = self._session.declare_queryable(
-            key, zenoh.handlers.Callback(asked, indirect=False), complete=True
-        )
-        return declared
-
-    def _ask(self, query: zenoh.Query, key: str, zone: str | None, topic: str) -> None:
-        answering = self._answering
-        if answering is None or self._closed:
-            query.drop()
-            return
-        if not self._waiting.acquire(blocking=False):
-            _refuse(query, f"more than {MOST_QUESTIONS} questions wait for their answers; ask again later")
-            return
-
-        def reply(answer: Reply) -> None:
+        def reply(query: zenoh.Query, answer: Reply) -> None:
             self._waiting.release()
             with query:
                 try:
@@ -261,8 +251,10 @@ class Publisher(Sink):
                 except zenoh.ZError as error:
                     _log.debug("while answering on %s: %s", key, error)
 
-        payload = b"" if query.payload is None else query.payload.to_bytes()
-        answering(Question(zone, topic, _parameters(query), payload), reply)
+        # Of several that know all of it, such as the gateways of a fleet, the nearest answers.
+        callback = zenoh.handlers.Callback(asked, indirect=False)
+        declared: _Declared = self._session.declare_queryable(key, callback, complete=True)
+        return declared
 
     def _answer(self, query: zenoh.Query) -> None:
         """Reply with the last value of every key the query asks for; with nothing before the first. Parameters, of

@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
 
 Rows = Iterable[tuple[tuple[str, ...], float]]
 """Values of the labels, and the figure."""
 
 
-class Measure(NamedTuple):
-    """A metric without a memory of its own. `read` is called from any thread and must not wait.
+@dataclass(frozen=True)
+class Measure(Collector):
+    """A metric without a memory of its own. `read` is called at a scrape, from any thread, and must not wait.
 
     `name` is without the `_total` of a counter; its unit, if it has one, ends it, as Prometheus has it.
     """
@@ -35,6 +38,18 @@ class Measure(NamedTuple):
         kind, text, *labels = _DESCRIBED[name]
         return cls(name, kind, text, tuple(labels), read)
 
+    def collect(self) -> Iterable[Metric]:
+        """What it says now."""
+        (found,) = self.describe()
+        for labels, value in self.read():
+            found.add_metric(labels, value)  # type: ignore[attr-defined]
+        return (found,)
+
+    def describe(self) -> Iterable[Metric]:
+        """The family alone: nothing is read for a registration."""
+        kind = CounterMetricFamily if self.kind == "counter" else GaugeMetricFamily
+        return (kind(self.name, self.text, labels=self.labels),)
+
 
 _DESCRIBED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
@@ -42,12 +57,3 @@ _DESCRIBED = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encodin
 def single(value: float) -> Rows:
     """The rows of a measure without labels."""
     return (((), value),)
-
-
-def family(measure: Measure) -> Metric:
-    """What `measure` says now."""
-    kind = CounterMetricFamily if measure.kind == "counter" else GaugeMetricFamily
-    found = kind(measure.name, measure.text, labels=measure.labels)
-    for labels, value in measure.read():
-        found.add_metric(labels, value)
-    return found

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from http import HTTPStatus
 from typing import Annotated
 
@@ -21,10 +20,10 @@ from service.errors import KeyFileError
 from service.records.asker import asked_by, current_asker
 from service.records.view import ZoneView
 from service.store.audit import AUDIT, about
-from service.web.keys import Key, KeyRing, Scope
+from service.web.keys import Caller, Key, KeyRing, Scope
 from service.web.limits import FailedAttempts
 from service.web.server.peers import peer_of
-from service.web.server.refusal import RequestRefused, refusal
+from service.web.server.refusal import RequestRefused
 
 OPEN_PATHS = ("/", "/docs", "/openapi.json", "/healthz")
 """Answered without a key: pages and documentation, which hold nothing of the site, and whether the process is alive."""
@@ -51,25 +50,7 @@ KEYS_RETRY_SECONDS = 10
 _REALM = 'Bearer realm="thermogate"'
 
 
-@dataclass(frozen=True)
-class Caller:
-    """Who asks. `zones` are the only ones that they may see; None: all."""
-
-    name: str
-    scope: Scope = "read"
-    zones: frozenset[str] | None = None
-    key: Key | None = field(default=None, repr=False)
-
-    def may(self, scope: Scope) -> bool:
-        """Whether the caller's key is for `scope`. A key for writing does not read: a logger has no need to."""
-        return self.scope in (scope, "admin")
-
-    def sees(self, zone: str) -> bool:
-        """Whether this zone exists for the caller."""
-        return self.zones is None or zone in self.zones
-
-
-ANYBODY = Caller("anybody")
+ANYBODY = Caller(name="anybody")
 """Who asks without a key while none is in force."""
 
 
@@ -80,26 +61,6 @@ async def caller_of(request: Request) -> Caller:
 
 
 Asking = Annotated[Caller, Depends(caller_of)]
-
-
-async def administrator(caller: Asking) -> Caller:
-    """Dependency of everything that changes the daemon: who asks, with the scope admin. RequestRefused otherwise."""
-    if caller.scope != "admin":
-        raise _lacking("admin")
-    return caller
-
-
-Administrator = Annotated[Caller, Depends(administrator)]
-
-
-async def writer(caller: Asking) -> Caller:
-    """Dependency of routes that take readings: who posts, with a scope that may. RequestRefused otherwise."""
-    if caller.key is None or not caller.may("write"):
-        raise _lacking("write")
-    return caller
-
-
-Writer = Annotated[Caller, Depends(writer)]
 
 
 def may_read(request: Request) -> bool:
@@ -125,17 +86,16 @@ class RequireKey:
             try:
                 caller = await self._caller(connection)
             except RequestRefused as refused:
-                await refusal(refused)(connection, receive, send)
+                await refused.answer(connection, receive, send)
                 return
             client = peer_of(connection) if caller is ANYBODY else f"key {caller.name}"
-            connection.setdefault("state", {}).update(
-                caller=caller, client=client, reader=lambda: self._may_read(connection)
-            )
+            state = {"caller": caller, "client": client, "reader": lambda: self._may_read(connection)}
+            connection.setdefault("state", {}).update(state)
             asker = current_asker()
             asker.name = client
             asked_by(asker)
-            if caller.key is not None:
-                send = self._while_accepted(caller.key, send)
+            if isinstance(caller, Key):
+                send = self._while_accepted(caller, send)
         await self._app(connection, receive, send)
 
     def _while_accepted(self, key: Key, send: Send) -> Send:
@@ -160,29 +120,23 @@ class RequireKey:
         if path in OPEN_PATHS or path.startswith(OPEN_PREFIX):
             return ANYBODY
         parts = [*path.split("/"), ""]
-        administration = f"/{parts[1]}" == ADMIN_PREFIX
         writing = parts[1:-1] == [READINGS] or (f"/{parts[1]}" == ZONES_PREFIX and parts[3:-1] == [READINGS])
-        if not (administration or writing or (self._keys and self._keys.in_force)):
+        needed: Scope = "admin" if f"/{parts[1]}" == ADMIN_PREFIX else "write" if writing else "read"
+        if needed == "read" and not (self._keys and self._keys.in_force):
             return ANYBODY
         caller = await self._authenticated(connection)
-        needed: Scope = "admin" if administration else "write" if writing else "read"
-        refused = self._denied(caller, needed, parts)
+        refused = None
+        if not caller.may(needed):
+            refused = _lacking(needed)
+        elif caller.zones is not None and f"/{parts[1]}" not in (ZONES_PREFIX, OVERVIEW_PREFIX, FORECASTS_PATH):
+            refused = _lacking("all zones")
+        elif caller.zones is not None and len(parts) > 3 and not caller.sees(parts[2]):
+            refused = _unknown_zone(parts[2], sorted(caller.zones))
         if refused is not None:
             who = f"key {caller.name}"
             AUDIT.warning("%s was refused %s", who, path, extra=about("denied", who))
             raise refused
         return caller
-
-    def _denied(self, caller: Caller, needed: Scope, parts: list[str]) -> RequestRefused | None:
-        """Why `caller` may not do what takes the scope `needed`, at a path of these `parts`; None if they may."""
-        if not caller.may(needed):
-            return _lacking(needed)
-        if caller.zones is not None:
-            if f"/{parts[1]}" not in (ZONES_PREFIX, OVERVIEW_PREFIX, FORECASTS_PATH):
-                return _lacking("all zones")
-            if f"/{parts[1]}" == ZONES_PREFIX and len(parts) > 3 and parts[2] not in caller.zones:
-                return _unknown_zone(parts[2], sorted(caller.zones))
-        return None
 
     def _may_read(self, connection: Connection) -> bool:
         try:
@@ -204,7 +158,7 @@ class RequireKey:
         except KeyFileError as error:
             raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [str(error)], retry_after=KEYS_RETRY_SECONDS) from None
         if key is not None:
-            return Caller(key.name, key.scope, None if key.zones is None else frozenset(key.zones), key)
+            return key
         # Right keys are never held: nobody behind the same proxy can lock the others out, and 256 random bits are not
         # found by trying, at whatever rate. What is bounded is the noise.
         wait = self._attempts.count(peer_of(connection))

@@ -69,7 +69,9 @@ def events_route(
     router: APIRouter, path: str, text: str, summary: str, refused: Sequence[int]
 ) -> Callable[[Route], Route]:
     """Decorator: a route of server-sent events, which are `text`; it returns them as they come."""
-    kind = {200: {"description": f"Server-sent events: {text}", "content": {_EVENTS: {"schema": {"type": "string"}}}}}
+    kind: dict[int | str, dict[str, Any]] = {
+        200: {"description": f"Server-sent events: {text}", "content": {_EVENTS: {"schema": {"type": "string"}}}}
+    }
 
     def add(function: Route) -> Route:
         @wraps(function)

@@ -32,7 +32,7 @@ from service.web.operations import operation_routes
 from service.web.page import files, room, series
 from service.web.page.overview import overview_routes
 from service.web.problems import Problem, problem_response
-from service.web.readings import Bodies, reading_routes
+from service.web.readings import reading_routes
 from service.web.server.bodies import GatherBody
 from service.web.site import Backend, Site
 
@@ -86,17 +86,9 @@ def create_app(
     app.add_middleware(Guard, config=http, answers=app.state.answers)
     malformed = app.state.malformed_posts = Counter()
     made = app.state.site = Site(site, zones, limiter, backend.streams or Streams(), backend)
-    of_the_daemon = operation_routes(metrics_registry)
-    readings = reading_routes(made, Bodies(http.limits.body, malformed))
-    for router in (
-        *_QUESTIONS,
-        readings,
-        stream.router,
-        series.router,
-        room.router,
-        overview_routes(made),
-        of_the_daemon,
-    ):
+    readings = reading_routes(made, http.limits.body, malformed)
+    of_the_page = (stream.router, series.router, room.router, overview_routes(made))
+    for router in (*_QUESTIONS, readings, *of_the_page, operation_routes(metrics_registry)):
         app.include_router(router)
     files.install(app)
     app.add_route("/openapi.json", _described(app), include_in_schema=False)

@@ -14,7 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from service.config.http import HttpConfig
 from service.store.audit import AUDIT, about
 from service.web.server.peers import peer_of
-from service.web.server.refusal import RequestRefused, failure_answer, refusal
+from service.web.server.refusal import CLOSE, FAILED, RequestRefused
 
 # plotly.js writes style attributes and draws its own images; everything else comes from this host.
 HEADERS = {
@@ -30,8 +30,6 @@ HEADERS = {
     # What is not static was true when it was asked for, and may have taken a key.
     "Cache-Control": "no-store",
 }
-
-_CLOSE = {"Connection": "close"}
 
 
 class Guard:
@@ -66,13 +64,13 @@ class Guard:
             if refused.status in (HTTPStatus.FORBIDDEN, HTTPStatus.MISDIRECTED_REQUEST):
                 peer = peer_of(scope)
                 AUDIT.warning("%s was refused: %s", peer, refused, extra=about("another-site", peer))
-            await refusal(refused)(scope, receive, hardened)
+            await refused.answer(scope, receive, hardened)
             return
         try:
             await self._app(scope, receive, hardened)
         except Exception:
             if not begun:
-                await failure_answer()(scope, receive, hardened)
+                await FAILED.answer(scope, receive, hardened)
             # For the log.
             raise
 
@@ -81,22 +79,22 @@ class Guard:
         limits = self._limits
         if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > limits.url:
             sentence = f"the address with its query is longer than {limits.url} bytes"
-            return RequestRefused(HTTPStatus.REQUEST_URI_TOO_LONG, [sentence], headers=_CLOSE)
+            return RequestRefused(HTTPStatus.REQUEST_URI_TOO_LONG, [sentence], headers=CLOSE)
         if sum(len(name) + len(value) + 4 for name, value in scope["headers"]) > limits.headers:
             sentence = f"the headers are longer than {limits.headers} bytes"
-            return RequestRefused(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE, [sentence], headers=_CLOSE)
+            return RequestRefused(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE, [sentence], headers=CLOSE)
         headers = Headers(scope=scope)
         if "transfer-encoding" in headers and ("content-length" in headers or scope["http_version"] < "1.1"):
             # Where two programs read a request's end differently, the second one may be smuggled in (RFC 9112, 6.1).
             sentence = "Transfer-Encoding goes with neither Content-Length nor HTTP/1.0; send one of them"
-            return RequestRefused(HTTPStatus.BAD_REQUEST, [sentence], headers=_CLOSE)
+            return RequestRefused(HTTPStatus.BAD_REQUEST, [sentence], headers=CLOSE)
         asked = headers.getlist("host")
         if not all(_is_meant(host, self._hosts) for host in asked):
             sentence = "this name is not one of the daemon's; add it to http.allowed_hosts, or ask for the address"
             return RequestRefused(HTTPStatus.MISDIRECTED_REQUEST, [sentence])
         if _is_of_another_site(headers, asked):
             sentence = "a page of another site has sent this; open the address yourself, or ask without a browser"
-            return RequestRefused(HTTPStatus.FORBIDDEN, [sentence], headers=_CLOSE)
+            return RequestRefused(HTTPStatus.FORBIDDEN, [sentence], headers=CLOSE)
         return None
 
 

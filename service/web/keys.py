@@ -42,15 +42,30 @@ _log = logging.getLogger(__name__)
 _FORMAT = ConfigDict(extra="forbid", frozen=True)
 
 
-class Key(BaseModel):
-    """What is known of a key; not the key itself."""
+class Caller(BaseModel):
+    """Who asks."""
 
     model_config = _FORMAT
 
-    name: Identifier
-    scope: Scope
+    name: str
+    scope: Scope = "read"
     zones: tuple[Identifier, ...] | None = None
     """The zones that it may see; None: all."""
+
+    def may(self, scope: Scope) -> bool:
+        """Whether it may do what takes `scope`. Who may write may not read: a logger has no need to."""
+        return self.scope in (scope, "admin")
+
+    def sees(self, zone: str) -> bool:
+        """Whether this zone exists for it."""
+        return self.zones is None or zone in self.zones
+
+
+class Key(Caller):
+    """What is known of a key; not the key itself."""
+
+    name: Identifier
+    scope: Scope
     digest: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", repr=False)]
     created: AwareDatetime
     expires: AwareDatetime | None = None

@@ -7,7 +7,7 @@ import math
 import time
 from collections import Counter, OrderedDict
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from http import HTTPStatus
 from typing import NamedTuple
 
@@ -72,12 +72,10 @@ class Limiter:
         """How much of one kind is under way or waits."""
         return self._queues[kind].open.total()
 
-    @asynccontextmanager
-    async def turn(self, kind: str) -> AsyncIterator[None]:
+    def turn(self, kind: str) -> AbstractAsyncContextManager[None]:
         """The time in which work of one kind is done for the client of this task. RequestRefused: 429 if the client has
         too much of it or has waited too long, 503 if there is too much of it in all."""
-        async with self._queues[kind].turn(current_asker().name):
-            yield
+        return self._queues[kind].turn(current_asker().name)
 
     def admit_post(self) -> None:
         """RequestRefused (429) if the client of this task has posted too many bytes of readings lately."""
@@ -108,12 +106,9 @@ class _Queue:
         turn = self._turns.setdefault(client, asyncio.Semaphore(self._limit.of_one))
         self.open[client] += 1
         try:
-            await self._wait(client, turn)
-            try:
+            async with AsyncExitStack() as taken:
+                await self._take(client, turn, taken)
                 yield
-            finally:
-                self._room.release()
-                turn.release()
         finally:
             self.open[client] -= 1
             if not self.open[client]:
@@ -130,17 +125,13 @@ class _Queue:
             sentence = f"{limit.at_once} {limit.work} are open, which is the limit; try again later"
             raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], limit.retry_after)
 
-    async def _wait(self, client: str, turn: asyncio.Semaphore) -> None:
-        """Until the client has its turn and there is room."""
+    async def _take(self, client: str, turn: asyncio.Semaphore, taken: AsyncExitStack) -> None:
+        """Wait until the client has its turn and there is room; `taken` gives both back."""
         limit, asked = self._limit, time.monotonic()
         try:
             async with asyncio.timeout(limit.patience or None):
-                await turn.acquire()
-                try:
-                    await self._room.acquire()
-                except BaseException:
-                    turn.release()
-                    raise
+                await taken.enter_async_context(turn)
+                await taken.enter_async_context(self._room)
         except TimeoutError:
             sentence = f"your {limit.work} have waited {limit.patience:g} s for their turn; ask for fewer at a time"
             raise RequestRefused(HTTPStatus.TOO_MANY_REQUESTS, [sentence], limit.retry_after) from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from http import HTTPStatus
+from typing import Any
 
 from fastapi import APIRouter, Request, Response
 from prometheus_client import CollectorRegistry
@@ -54,7 +55,7 @@ def operation_routes(metrics_registry: CollectorRegistry) -> APIRouter:
         shown = tuple(_readiness(*each) for each in every[:MOST_NAMES])
         return json_answer(to_json(ReadyPayload(shown, len(every))))
 
-    exposition = {200: {"description": "Prometheus exposition", "content": {"text/plain": {}}}}
+    exposition: dict[int | str, Any] = {200: {"description": "Prometheus exposition", "content": {"text/plain": {}}}}
 
     @route(router, "GET /metrics", refused=(), responses=exposition, response_class=Response)
     def metrics(site: Here, request: Request) -> Response:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from http import HTTPStatus
 from typing import Any
@@ -17,7 +17,7 @@ from starlette.routing import Match
 from adapters.fields.problems import extended, own_sentence
 from service.errors import RequestError, ServiceError, TooManyQuestions
 from service.web.models import EXAMPLES
-from service.web.server.refusal import MEDIA_TYPE, RequestRefused, failure_answer, few, problem_answer, refusal
+from service.web.server.refusal import FAILED, MEDIA_TYPE, RequestRefused, few
 
 RETRY_SECONDS = 60
 SOON_SECONDS = 5
@@ -42,9 +42,9 @@ class Problem(BaseModel):
     zone_count: int | None = Field(default=None, description="how many such zones there are, beside `zones`")
 
 
-def invalid(sentences: Sequence[str]) -> RequestRefused:
-    """A request with mistakes, one sentence each."""
-    told = few(sentences, str)
+def invalid(mistakes: Sequence[Any], tell: Callable[[Any], str] = str) -> RequestRefused:
+    """A request with mistakes, one sentence each, as `tell` puts it."""
+    told = few(mistakes, tell)
     return RequestRefused(HTTPStatus.UNPROCESSABLE_ENTITY, told, errors=told)
 
 
@@ -76,37 +76,35 @@ def install(app: FastAPI) -> None:
 
 
 async def _answer(request: Request, error: Exception) -> Response:
+    return _refusal(request, error).answer
+
+
+def _refusal(request: Request, error: Exception) -> RequestRefused:
     match error:
         case RequestRefused():
-            return refusal(error)
+            return error
+        # What goes wrong while the framework takes a body in, it makes a mistake of its own.
+        case HTTPException(__cause__=RequestRefused() as cause):
+            return cause
         case RequestError():
-            return refusal(invalid(error.problems))
+            return invalid(error.problems)
         case TooManyQuestions():
-            headers = {"Retry-After": str(SOON_SECONDS)}
-            return problem_answer(HTTPStatus.TOO_MANY_REQUESTS, str(error), headers)
+            return RequestRefused(HTTPStatus.TOO_MANY_REQUESTS, [str(error)], SOON_SECONDS)
         case ServiceError():
-            headers = {"Retry-After": str(RETRY_SECONDS)}
-            return problem_answer(HTTPStatus.SERVICE_UNAVAILABLE, str(error), headers)
+            return RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [str(error)], RETRY_SECONDS)
         case RequestValidationError():
             # Only those that are told are put into words.
-            told = few(error.errors(), sentence_of)
-            return refusal(RequestRefused(HTTPStatus.UNPROCESSABLE_ENTITY, told, errors=told))
+            return invalid(error.errors(), sentence_of)
         case HTTPException():
-            return _framework(request, error)
-    return failure_answer()
-
-
-def _framework(request: Request, error: HTTPException) -> Response:
-    details = {
-        HTTPStatus.NOT_FOUND: f"there is nothing at {request.url.path}; /docs lists what there is",
-        HTTPStatus.METHOD_NOT_ALLOWED: f"{request.url.path} does not take {request.method}; /docs lists what it takes",
-    }
-    detail = details.get(HTTPStatus(error.status_code), str(error.detail))
-    headers = dict(error.headers or {})
-    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
-        # The framework names those of the first route with this path.
-        headers["Allow"] = ", ".join(_allowed(request))
-    return problem_answer(error.status_code, detail, headers)
+            path, headers, detail = request.url.path, dict(error.headers or {}), str(error.detail)
+            if error.status_code == HTTPStatus.NOT_FOUND:
+                detail = f"there is nothing at {path}; /docs lists what there is"
+            elif error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+                detail = f"{path} does not take {request.method}; /docs lists what it takes"
+                # The framework names those of the first route with this path.
+                headers["Allow"] = ", ".join(_allowed(request))
+            return RequestRefused(error.status_code, [detail], headers=headers)
+    return FAILED
 
 
 def _allowed(request: Request) -> list[str]:

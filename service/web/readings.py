@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from http import HTTPStatus
 from itertools import islice
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import TypeAdapter, ValidationError
@@ -23,12 +23,12 @@ from adapters.watched import Seldom
 from service.records.receipt import Receipt
 from service.records.record import document, document_of
 from service.store.audit import AUDIT, about
-from service.web.access import Asking, Caller
+from service.web.access import Asking
 from service.web.answering import json_answer, route
 from service.web.limits import POSTS
 from service.web.models import EXAMPLES, PostedReading, PostedReadings
 from service.web.problems import invalid, sentence_of
-from service.web.server.bodies import unread_json
+from service.web.server.bodies import check_json
 from service.web.server.refusal import MOST_SENTENCES, RequestRefused
 from service.web.site import Asked, Here, Site
 
@@ -54,80 +54,65 @@ _TAKEN = document_of(Receipt, of_a_zone=False, name="ReadingsPayload")
 Precision = Annotated[Literal["ns", "us", "ms", "s"], Query(description="line protocol: what the time stamps count")]
 
 
-class Bodies(NamedTuple):
-    """What bodies may be, and were."""
-
-    limit: int
-    """Bytes, also of a packed one when it is unpacked."""
-    malformed: Counter[str]
-    """Posts that could not be read, by kind."""
-
-
-def reading_routes(site: Site, bodies: Bodies) -> APIRouter:
-    """Routes that take readings."""
-    router = APIRouter(tags=["readings"])
-    refused = (400, 401, 403, 404, 409, 413, 415, 422, 429, 500, 503)
-    body = {"requestBody": _documented_body()}
-    complaints = _Complaints(bodies.malformed)
-
-    taking = partial(route, router, refused=refused, response_model=_TAKEN, openapi_extra=body)
+def reading_routes(site: Site, limit: int, malformed: Counter[str]) -> APIRouter:
+    """Routes that take readings, in bodies of `limit` bytes, also of a packed one when it is unpacked; `malformed`
+    counts by kind those that could not be read."""
+    router, told = APIRouter(tags=["readings"]), Seldom()
+    taking = partial(
+        route,
+        router,
+        refused=(400, 401, 403, 404, 409, 413, 415, 422, 429, 500, 503),
+        response_model=_TAKEN,
+        openapi_extra={"requestBody": _documented_body()},
+    )
 
     @taking("POST /readings")
     async def take_readings(site: Here, request: Request, caller: Asking, precision: Precision = "ns") -> Response:
         """Readings for the channels of all zones"""
-        return await answered(request, precision, caller, None)
+        return await answered(request, precision, caller.name, None)
 
     @taking("POST /zones/{zone}/readings")
     async def take_readings_of_zone(
         site: Here, view: Asked, request: Request, caller: Asking, precision: Precision = "ns"
     ) -> Response:
         """Readings for the channels of one zone"""
-        return await answered(request, precision, caller, view.id)
+        return await answered(request, precision, caller.name, view.id)
 
-    async def answered(request: Request, precision: str, caller: Caller, zone: str | None) -> Response:
-        take = site.backend.take
+    async def answered(request: Request, precision: str, caller: str, zone: str | None) -> Response:
+        take, headers, limiter = site.backend.take, request.headers, site.limiter
         if take is None:
             raise RequestRefused(HTTPStatus.CONFLICT, ["nobody takes readings here"])
         try:
             body = await request.body()
         except ClientDisconnect:
-            # Nobody is there to hear an answer, or a refusal has been sent already.
+            # Nobody is there to hear an answer.
             return Response()
-        site.limiter.admit_post()
-        site.limiter.posted(len(body))
+        limiter.admit_post()
+        limiter.posted(len(body))
         # Who sends slowly keeps nobody waiting: the turn begins with the whole body.
-        async with site.limiter.turn(POSTS):
+        async with limiter.turn(POSTS):
             # A large body takes its time, for which the event loop must not wait.
             try:
-                if "content-encoding" in request.headers:
+                if "content-encoding" in headers:
                     packed = len(body)
-                    body = await asyncio.to_thread(unpacked, body, request.headers, bodies.limit)
-                    site.limiter.posted(max(0, len(body) - packed))
-                posted = await asyncio.to_thread(read, body, request.headers, precision)
+                    body = await asyncio.to_thread(unpacked, body, headers, limit)
+                    limiter.posted(max(0, len(body) - packed))
+                posted = await asyncio.to_thread(read, body, headers, precision)
             except RequestRefused as error:
-                complaints.note(error, request.headers, caller.name)
+                complain(error, headers, caller)
                 raise
-            taken = await take(posted, zone)
-        return json_answer(document(taken, site.id))
+            return json_answer(document(await take(posted, zone), site.id))
+
+    def complain(error: RequestRefused, headers: Mapping[str, str], caller: str) -> None:
+        """Count why a post that came with the key called `caller` was refused, and log it now and then."""
+        kind = _KINDS.get(HTTPStatus(error.status)) or _FORMATS[_media_type(headers)]
+        malformed[kind] += 1
+        if told(kind):
+            said = (caller, str(error)[:_LONGEST], kind, malformed[kind])
+            sentence = "a post with the API key '%s' cannot be read: %s (%s: %d so far)"
+            AUDIT.warning(sentence, *said, extra=about("unreadable", f"key {caller}"))
 
     return router
-
-
-class _Complaints:
-    """Counts posts that cannot be read, by kind, and logs each kind now and then."""
-
-    def __init__(self, counts: Counter[str]) -> None:
-        self._counts = counts
-        self._seldom = Seldom()
-
-    def note(self, error: RequestRefused, headers: Mapping[str, str], client: str) -> None:
-        """Note why a post with `headers` was refused, which came with the key called `client`."""
-        kind = _KINDS.get(HTTPStatus(error.status)) or _FORMATS[_media_type(headers)]
-        self._counts[kind] += 1
-        if self._seldom(kind):
-            said = (client, str(error)[:_LONGEST], kind, self._counts[kind])
-            sentence = "a post with the API key '%s' cannot be read: %s (%s: %d so far)"
-            AUDIT.warning(sentence, *said, extra=about("unreadable", f"key {client}"))
 
 
 def _media_type(headers: Mapping[str, str]) -> str:
@@ -146,9 +131,10 @@ def read(body: bytes, headers: Mapping[str, str], precision: str) -> list[Posted
         given = f"not {media_type!r}" if media_type else "and this request has none"
         sentence = f"Content-Type must be {_JSON}, {_SENML}, or {_LINES} for InfluxDB line protocol, {given}"
         raise RequestRefused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, [sentence])
-    text = _text(body)
     try:
-        values = list(islice(readers[media_type](text), MAX_VALUES + 1))
+        values = list(islice(readers[media_type](body.decode("utf-8-sig")), MAX_VALUES + 1))
+    except UnicodeDecodeError:
+        raise RequestRefused(HTTPStatus.BAD_REQUEST, ["the body is not text in UTF-8"]) from None
     except ValueError as error:
         sentence = f"the body {error}" if media_type == _SENML else str(error)
         raise invalid([sentence[:_LONGEST]]) from None
@@ -175,16 +161,9 @@ def unpacked(body: bytes, headers: Mapping[str, str], limit: int) -> bytes:
         raise RequestRefused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, [sentence])
     if not unpacking.eof or unpacking.unused_data:
         raise RequestRefused(HTTPStatus.BAD_REQUEST, ["the body is not one whole gzip stream"])
-    if _media_type(headers) in (_JSON, _SENML) and (refused := unread_json(content)) is not None:
-        raise refused
+    if _media_type(headers) in (_JSON, _SENML):
+        check_json(content)
     return content
-
-
-def _text(body: bytes) -> str:
-    try:
-        return body.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise RequestRefused(HTTPStatus.BAD_REQUEST, ["the body is not text in UTF-8"]) from None
 
 
 def _document(text: str) -> Any:

@@ -20,7 +20,8 @@ from service.publish.payloads import (
     ForecastPayload,
     GainPayload,
     StatusPayload,
-    refined,
+    at_levels,
+    steps,
     vouched,
 )
 from service.records.fan import Fan
@@ -125,10 +126,11 @@ async def forecast(
     published = published_levels(update)
     levels = level or published
     if horizon is None and set(levels) <= set(published):
-        return _current(view, ForecastPayload.of(update, levels))
+        return _current(view, ForecastPayload.of(update, at_levels(update, levels)))
     request = ForecastRequest([view], horizon or 0.0, levels)
     if horizon is None:
-        return _current(view, refined(await _fan(view, request)))
+        fan = await _fan(view, request)
+        return _current(view, ForecastPayload.of(fan.update, steps(fan)[0]))
     bound(request)
     return _current(view, FanPayload.of_steps(await _fan(view, request)))
 
@@ -172,13 +174,14 @@ async def parameters(site: Here, view: Asked, level: Annotated[Levels, _QUANTILE
         return tuple(QuantilesPayload(*one, row, next(collapsed)) for one, row in zip(about, rows, strict=True))
 
     known = zip(network.terms, summary.coefficients, strict=False)
+    own = quantities([(p.name, p.unit, p.free) for p in network.parameters], summary.parameters)
     constants = [(f"tau_{rank}", "h", True) for rank in range(1, len(summary.time_constants) + 1)]
     return ParametersPayload(
         network.name,
         tuple(level),
-        quantities([(p.name, p.unit, p.free) for p in network.parameters], summary.parameters),
+        own,
         quantities(constants, summary.time_constants / _HOUR),
-        *quantities([("heat_loss", "W/K", True)], summary.heat_loss[None]),
+        QuantilesPayload("heat_loss", "W/K", True, summary.heat_loss, next(collapsed)),
         tuple(TermPayload(t.name, t.node, t.unit, row) for t, row in known),
         laws,
         tuple(sorted(diagnosis.variants, key=lambda each: -each.weight)),

@@ -143,9 +143,9 @@ def test_chunks(sizes: list[int]) -> None:
     try:
         while not isinstance(event := parser.next_event(), h11.EndOfMessage):
             received += len(event.data) if isinstance(event, h11.Data) else 0
-    except h11.RemoteProtocolError:
+    except h11.RemoteProtocolError as error:
         assert len(sizes) > FREE_CHUNKS
-        assert b"larger ones" in parser.refusal[1].encode()
+        assert "larger ones" in str(error)
         return
     assert received == sum(sizes)
     assert len(sizes) <= FREE_CHUNKS + sum(sizes) // CHUNK_BYTES

@@ -27,7 +27,7 @@ def exposed() -> dict[str, str]:
         store = Store(Path(folder))
         session: Any = SimpleNamespace(info=SimpleNamespace(transports=list))
         sinks = [Publisher(session, "site"), mqtt.Publisher(mqtt.MqttConfig(), "site"), Streams()]
-        instrument(metrics, parts, store, [*sinks, influxdb.Writer(influxdb.Lines(Path(folder) / "lines"))])
+        instrument(metrics, parts, store, [*sinks, influxdb.Writer(influxdb.to_file(Path(folder) / "lines"))])
         store.close()
     app = create_app("site", {}, metrics.registry)
     server = HttpServer(app, HttpConfig(port=0))

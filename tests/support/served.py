@@ -32,6 +32,7 @@ class Answer(NamedTuple):
 
 @contextlib.asynccontextmanager
 async def serving(app: FastAPI, config: HttpConfig) -> AsyncIterator[HttpServer]:
+    """`app` on `config`; clients that are connected meanwhile are closed at the end."""
     server = HttpServer(app, config)
     task = asyncio.create_task(server.run())
     try:
@@ -39,6 +40,9 @@ async def serving(app: FastAPI, config: HttpConfig) -> AsyncIterator[HttpServer]
         yield server
     finally:
         await server.stop(task)
+        for client in _OPEN:
+            await client.close()
+        _OPEN.clear()
 
 
 def config(**settings: Any) -> HttpConfig:
@@ -56,7 +60,9 @@ class Client:
     @classmethod
     async def to(cls, server: HttpServer, context: ssl.SSLContext | None = None, limit: int = 2**16) -> Client:
         port = int(server.url.rpartition(":")[2])
-        return cls(*await asyncio.open_connection("127.0.0.1", port, ssl=context, limit=limit))
+        client = cls(*await asyncio.open_connection("127.0.0.1", port, ssl=context, limit=limit))
+        _OPEN.append(client)
+        return client
 
     async def send(self, content: bytes) -> None:
         self.writer.write(content)
@@ -84,6 +90,9 @@ class Client:
         self.writer.close()
         with contextlib.suppress(OSError):
             await self.writer.wait_closed()
+
+
+_OPEN: list[Client] = []
 
 
 async def ask(server: HttpServer, path: str = "/", context: ssl.SSLContext | None = None, **headers: str) -> Answer:

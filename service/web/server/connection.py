@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+import sys
 import time
 from collections import deque
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from uvicorn.server import ServerState
 
 from service.config.http import LimitsConfig
 from service.records.asker import Asker, asked_by
-from service.web.server.refusal import MEDIA_TYPE, problem
+from service.web.server.refusal import CLOSE, RequestRefused
 
 FREE_CHUNKS = 64
 """Chunks that every body may come in, whatever their size."""
@@ -45,25 +46,21 @@ _log = logging.getLogger(__name__)
 _log.setLevel(logging.ERROR)  # Requests that are not HTTP are their sender's business, at whatever rate they come.
 
 
+class _TinyChunksError(h11.RemoteProtocolError):
+    """What a body in tiny chunks is refused with."""
+
+
 class Parser(h11.Connection):
-    """h11's parser of requests, which refuses bodies in tiny chunks and remembers the status of a refusal."""
+    """h11's parser of requests, which refuses bodies in tiny chunks."""
 
     def __init__(self, headers: int) -> None:
         """`headers` is the limit of a request without its body, in bytes."""
         super().__init__(h11.SERVER, headers)
         self._chunks = self._received = 0
-        self.refusal = HTTPStatus.BAD_REQUEST, ""
-        """After `next_event` has raised RemoteProtocolError."""
 
     def next_event(self) -> h11.Event | type[h11.NEED_DATA] | type[h11.PAUSED]:
         """As of h11.Connection."""
-        try:
-            event = super().next_event()
-        except h11.RemoteProtocolError as error:
-            long = error.error_status_hint == HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE
-            sentence = "the headers, or the line before a chunk, are too long" if long else "this is not HTTP"
-            self.refusal = HTTPStatus(error.error_status_hint), sentence
-            raise
+        event = super().next_event()
         if isinstance(event, h11.Request):
             self._chunks = self._received = 0
         elif isinstance(event, h11.Data):
@@ -71,8 +68,7 @@ class Parser(h11.Connection):
             self._received += len(event.data)
             if self._chunks > FREE_CHUNKS + self._received // CHUNK_BYTES:
                 sentence = f"the body comes in chunks of less than {CHUNK_BYTES} bytes; send it in larger ones"
-                self.refusal = HTTPStatus.BAD_REQUEST, sentence
-                raise h11.RemoteProtocolError(sentence)
+                raise _TinyChunksError(sentence)
         return event
 
 
@@ -223,11 +219,9 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
             except asyncio.CancelledError:
                 # uvicorn cancels what is not done in time at a stop, and would log a traceback.
                 if not begun:
-                    status = HTTPStatus.SERVICE_UNAVAILABLE
-                    headers, body = _problem(status, "the daemon is stopping; ask again when it runs")
-                    head = [(name.lower().encode(), value.encode()) for name, value in headers]
-                    await send({"type": "http.response.start", "status": int(status), "headers": head})
-                    await send({"type": "http.response.body", "body": body})
+                    sentence = "the daemon is stopping; ask again when it runs"
+                    refused = RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], headers=CLOSE)
+                    await refused.answer(scope, receive, send)
             finally:
                 self._asker = Asker()
 
@@ -251,21 +245,22 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
         return "slow to ask"
 
     def send_400_response(self, msg: str) -> None:
-        """Answer what is not HTTP with a problem."""
-        self._refuse(*self.conn.refusal)
+        """Answer what is not HTTP with a problem, while the parser's error is handled."""
+        error = sys.exception()
+        assert isinstance(error, h11.RemoteProtocolError), "uvicorn calls this for nothing else"
+        status, sentence = HTTPStatus(error.error_status_hint), "this is not HTTP"
+        if isinstance(error, _TinyChunksError):
+            sentence = str(error)
+        elif status == HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE:
+            sentence = "the headers, or the line before a chunk, are too long"
+        self._refuse(status, sentence)
 
     def _refuse(self, status: HTTPStatus, detail: str) -> None:
         """Answer with a problem and close, past the application; only close where an answer has begun."""
         answered = self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE)
         if not answered and (self.scope is None or self.scope["method"] != "HEAD"):
-            headers, body = _problem(status, detail)
-            head = h11.Response(status_code=status, headers=headers, reason=status.phrase.encode())
-            for event in (head, h11.Data(data=body), h11.EndOfMessage()):
+            answer = RequestRefused(status, [detail], headers=CLOSE).answer
+            head = h11.Response(status_code=status, headers=answer.raw_headers, reason=status.phrase.encode())
+            for event in (head, h11.Data(data=bytes(answer.body)), h11.EndOfMessage()):
                 self.transport.write(self.conn.send(event) or b"")
         self.transport.close()
-
-
-def _problem(status: HTTPStatus, detail: str) -> tuple[list[tuple[str, str]], bytes]:
-    """Headers and body of an answer that ends its connection."""
-    body = problem(status, detail)
-    return [("Content-Type", MEDIA_TYPE), ("Content-Length", str(len(body))), ("Connection", "close")], body

@@ -25,14 +25,15 @@ class FollowedFiles:
     def look(self) -> None:
         """Take the files for known as they are now; to be called before they are read, so that what changes meanwhile
         is read again."""
-        self._seen: list[_Signature] | None = self._signatures()
+        self._seen: list[_Signature] | None = list(map(_signature, self._paths))
 
     def follow(self, read: Callable[[], None], until_then: str) -> bool | None:
         """`read` them if one is another than at the last look; whether that succeeded, None if none is. What keeps them
         from being read is logged once, with what holds until then, and they are read again at the next call."""
-        if not self.changed():
-            return None
+        before = self._seen
         self.look()
+        if self._seen == before:
+            return None
         try:
             read()
         except ServiceError as error:
@@ -44,13 +45,6 @@ class FollowedFiles:
             return False
         self.complaint = ""
         return True
-
-    def changed(self) -> bool:
-        """Whether a file is another one than at the last look."""
-        return self._signatures() != self._seen
-
-    def _signatures(self) -> list[_Signature]:
-        return [_signature(path) for path in self._paths]
 
 
 def _signature(path: Path) -> _Signature:

@@ -22,41 +22,28 @@ def listener(config: HttpConfig, setting: str) -> socket.socket:
 
     `setting` is what the operator knows the port by.
     """
-    bound = _on_port(config, setting) if config.socket is None else _on_file(config.socket)
+    path, family = config.socket, socket.AF_INET6 if ":" in config.host else socket.AF_INET
+    # With the protocol named, asyncio turns Nagle's algorithm off; an answer would otherwise wait 40 ms.
+    kind = (family, socket.SOCK_STREAM, socket.IPPROTO_TCP) if path is None else (socket.AF_UNIX, socket.SOCK_STREAM)
+    bound = socket.socket(*kind)
+    bound.setblocking(False)
     # The connections that are accepted inherit it.
     bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-    return bound
-
-
-def _on_port(config: HttpConfig, setting: str) -> socket.socket:
-    family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
-    # With the protocol named, asyncio turns Nagle's algorithm off; an answer would otherwise wait 40 ms.
-    bound = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
-    bound.setblocking(False)
-    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        bound.bind((config.host, config.port))
+        if path is None:
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            bound.bind((config.host, config.port))
+        else:
+            if _is_left_behind(path):
+                path.unlink()
+            bound.bind(str(path))
+            os.chmod(path, SOCKET_MODE)
     except OSError as error:
         bound.close()
-        raise ServiceError(
-            f"http: {config.host}:{config.port} cannot be used ({error.strerror}); "
-            f"choose another {setting}, or 0 for any free one"
-        ) from error
-    return bound
-
-
-def _on_file(path: Path) -> socket.socket:
-    bound = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    bound.setblocking(False)
-    try:
-        if _is_left_behind(path):
-            path.unlink()
-        bound.bind(str(path))
-        os.chmod(path, SOCKET_MODE)
-    except OSError as error:
-        bound.close()
-        reason = error.strerror or error
-        raise ServiceError(f"http.socket: {path} cannot be used ({reason}); choose another path") from error
+        place, other = f"http: {config.host}:{config.port}", f"{setting}, or 0 for any free one"
+        if path is not None:
+            place, other = f"http.socket: {path}", "path"
+        raise ServiceError(f"{place} cannot be used ({error.strerror or error}); choose another {other}") from error
     return bound
 
 

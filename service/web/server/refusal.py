@@ -1,4 +1,4 @@
-"""An answer that is a problem and nothing else: application/problem+json (RFC 9457)."""
+"""A request that is answered with a problem and nothing else: application/problem+json (RFC 9457)."""
 
 from __future__ import annotations
 
@@ -18,11 +18,15 @@ MOST_SENTENCES = 20
 
 LONGEST_SENTENCE = 500
 
+CLOSE = {"Connection": "close"}
+"""Of an answer after which nothing more of a request is read."""
+
 Mistake = TypeVar("Mistake")
 
 
 class RequestRefused(ServiceError):
-    """A request that gets no answer but a problem: `status`, sentences, headers, and members of the document."""
+    """A request that gets no answer but a problem: `status`, sentences (what is wrong, what to do), headers, and
+    members of the document."""
 
     def __init__(
         self,
@@ -37,38 +41,24 @@ class RequestRefused(ServiceError):
         self.headers = dict(headers or {}) | ({} if retry_after is None else {"Retry-After": str(retry_after)})
         self.members = members
 
+    @property
+    def answer(self) -> Response:
+        """The problem document, with its headers."""
+        title = HTTPStatus(self.status).phrase
+        document = {"type": "about:blank", "title": title, "status": int(self.status), "detail": str(self)}
+        return Response(json.dumps(document | self.members), self.status, self.headers, MEDIA_TYPE)
+
+
+FAILED = RequestRefused(
+    HTTPStatus.INTERNAL_SERVER_ERROR, ["the daemon failed to answer this request; its log says why"]
+)
+"""What the daemon itself failed at: the client learns nothing of the inside."""
+
 
 def few(mistakes: Sequence[Mistake], tell: Callable[[Mistake], str]) -> list[str]:
     """One sentence for each of `mistakes`, as far as an answer tells them: MOST_SENTENCES, of LONGEST_SENTENCE
     characters at most."""
-    told = [_cut(tell(mistake)) for mistake in mistakes[:MOST_SENTENCES]]
+    told = [tell(mistake) for mistake in mistakes[:MOST_SENTENCES]]
+    told = [one if len(one) <= LONGEST_SENTENCE else f"{one[: LONGEST_SENTENCE - 3]}..." for one in told]
     left = len(mistakes) - len(told)
     return [*told, f"and {left} more"] if left else told
-
-
-def _cut(sentence: str) -> str:
-    return sentence if len(sentence) <= LONGEST_SENTENCE else f"{sentence[: LONGEST_SENTENCE - 3]}..."
-
-
-def problem_answer(status: int, detail: str, headers: Mapping[str, str] | None = None, **members: object) -> Response:
-    """The answer with a problem document and headers."""
-    return Response(problem(status, detail, **members), status, dict(headers or {}), MEDIA_TYPE)
-
-
-def problem(status: int, detail: str, **members: object) -> bytes:
-    """A problem document: its status, what is wrong and what to do, and further members."""
-    title = HTTPStatus(status).phrase
-    return json.dumps(
-        {"type": "about:blank", "title": title, "status": int(status), "detail": detail} | members
-    ).encode()
-
-
-def failure_answer() -> Response:
-    """The answer to a request that the daemon failed at: the client learns nothing of the inside, the log does."""
-    sentence = "the daemon failed to answer this request; its log says why"
-    return problem_answer(HTTPStatus.INTERNAL_SERVER_ERROR, sentence)
-
-
-def refusal(error: RequestRefused) -> Response:
-    """The answer to a request that is refused."""
-    return problem_answer(error.status, str(error), error.headers, **error.members)

@@ -23,7 +23,7 @@ from service.errors import ServiceError
 from service.web.server.connection import UNIX, Connection, Passes
 from service.web.server.listener import listener
 from service.web.server.peers import peer_of, plain_address
-from service.web.server.refusal import RequestRefused, refusal
+from service.web.server.refusal import CLOSE, RequestRefused
 from service.web.server.tls import ServerCertificate, server_certificate
 
 SPARE = 32
@@ -243,8 +243,8 @@ class HttpServer:
 async def _busy(scope: Scope, receive: Receive, send: Send) -> None:
     """The application of connections beyond the limit."""
     sentence = "too many connections are open; close some, or try again later"
-    refused = RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], RETRY_SECONDS, {"Connection": "close"})
-    await refusal(refused)(scope, receive, send)
+    refused = RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], RETRY_SECONDS, CLOSE)
+    await refused.answer(scope, receive, send)
 
 
 def _url(listening: socket.socket, scheme: str) -> str:

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
-from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_private_key
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from adapters.fields.times import written_day
 from service.config.http import HttpConfig
@@ -28,6 +28,8 @@ REMIND_SECONDS = 86400.0
 
 CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"
 """Of TLS 1.2: forward secrecy and authenticated encryption only. TLS 1.3 has nothing else."""
+
+_NO_PAIR = ("KEY_VALUES_MISMATCH", "KEY_TYPE_MISMATCH", "NO_CERTIFICATE_ASSIGNED")
 
 Content = TypeVar("Content")
 
@@ -52,10 +54,10 @@ class ServerCertificate:
     def reload(self) -> None:
         """Use what is in the files now, for new connections. CertificateError leaves everything as it was."""
         self._files.look()
-        expires = _checked(self._certificate, self._private_key)
+        chain = _read("certificate", self._certificate, x509.load_pem_x509_certificates)
         # A context of its own: one that held an RSA certificate would go on serving it beside its ECDSA successor.
         self.context = _context(self._certificate, self._private_key, self._client_ca)
-        self.expires = expires
+        self.expires = chain[0].not_valid_after_utc
         self._files.complaint = ""
         self._reminded = -math.inf
 
@@ -82,33 +84,24 @@ def server_certificate(config: HttpConfig) -> ServerCertificate | None:
     return ServerCertificate(config.certificate, config.private_key, config.client_ca)
 
 
-def _checked(certificate: Path, private_key: Path) -> datetime:
-    """The end of a certificate and key that fit each other."""
-    chain = _read("certificate", certificate, x509.load_pem_x509_certificates)
-    key = _read("private_key", private_key, lambda content: load_pem_private_key(content, password=None))
-    if private_key.stat().st_mode & stat.S_IRWXO:
-        raise CertificateError(
-            f"http.private_key: every account of this machine can get at {private_key}; say: chmod o= {private_key}"
-        )
-    public = [
-        owner.public_key().public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo) for owner in (chain[0], key)
-    ]
-    if public[0] != public[1]:
-        raise CertificateError(
-            f"http.private_key: {private_key} does not belong to the first certificate in {certificate}; give the "
-            "pair, the server's own certificate before those that signed it"
-        )
-    return chain[0].not_valid_after_utc
-
-
 def _context(certificate: Path, private_key: Path, client_ca: Path | None) -> ssl.SSLContext:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     context.set_ciphers(CIPHERS)
     context.options |= ssl.OP_NO_RENEGOTIATION | ssl.OP_CIPHER_SERVER_PREFERENCE
+    _read("private_key", private_key, lambda content: load_pem_private_key(content, password=None))
+    if private_key.stat().st_mode & stat.S_IRWXO:
+        raise CertificateError(
+            f"http.private_key: every account of this machine can get at {private_key}; say: chmod o= {private_key}"
+        )
     try:
         context.load_cert_chain(certificate, private_key)
     except OSError as error:
+        if getattr(error, "reason", None) in _NO_PAIR:
+            raise CertificateError(
+                f"http.private_key: {private_key} does not belong to the first certificate in {certificate}; give the "
+                "pair, the server's own certificate before those that signed it"
+            ) from None
         reason = error.reason if isinstance(error, ssl.SSLError) else error.strerror
         raise CertificateError(
             f"http.certificate: {certificate} cannot be served ({reason}); make another one"

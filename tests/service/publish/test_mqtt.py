@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from support.broker import Mosquitto, Party, broker
-from support.config_samples import sound, write
 from support.fake_zones import announced, make_update, running, waiting
 from support.waiting import wait_until
 
-from service.config.load import load
 from service.publish import mqtt
 from service.publish.mqtt import MqttConfig, Publisher
 from service.publish.sinks import TOPICS, Announcement, Occasion, Reports
-from service.records.measures import family
 
 AVAILABLE = "thermogate/htwg/availability"
 LIVING = "thermogate/htwg/living/"
@@ -84,7 +80,7 @@ def test_a_broker_that_was_away_has_the_newest_afterwards(site: Mosquitto, caplo
         assert sum(value for _, value in overtaken.read()) >= 2 * 3
     publishing.close()
     assert "[mqtt]: the connection to mqtt://127.0.0.1" in caplog.text
-    assert family(overtaken).name == "thermogate_mqtt_messages_overtaken"
+    assert overtaken.name == "thermogate_mqtt_messages_overtaken"
 
 
 def test_without_a_broker_the_daemon_goes_on_and_stops(site: Mosquitto, caplog: pytest.LogCaptureFixture) -> None:
@@ -162,14 +158,3 @@ def test_a_zone_without_an_update_tells_its_status(site: Mosquitto) -> None:
 
         wait_until(lambda: entities() == {"state", "last_sample", "problem"})
     publishing.close()
-
-
-def test_a_table_with_a_host_is_opened(tmp_path: Path, site: Mosquitto, caplog: pytest.LogCaptureFixture) -> None:
-    table = {"host": "127.0.0.1", "port": site.port}
-    config = load(write(tmp_path, sound(tmp_path) | {"mqtt": table}))
-    with caplog.at_level(logging.INFO):
-        opened = mqtt.KIND.open(config.table("mqtt"), config.site.id)
-        assert opened is not None
-        wait_until(lambda: f"[mqtt]: connected (mqtt://127.0.0.1:{site.port})" in caplog.text)
-        opened.settle()
-        opened.close()

@@ -9,7 +9,7 @@ from typing import Any
 
 import httpx
 import pytest
-from fastapi import FastAPI
+from fastapi import FastAPI, Response
 from support.fake_zones import running
 from support.http_client import get, post, problem, request, scope
 
@@ -18,7 +18,7 @@ from service.publish.metrics import Metrics
 from service.web.app import create_app
 from service.web.server import bodies
 from service.web.server.bodies import GatherBody
-from service.web.server.refusal import LONGEST_SENTENCE, MOST_SENTENCES
+from service.web.server.refusal import LONGEST_SENTENCE, MOST_SENTENCES, RequestRefused
 
 PLAN = "/zones/living/forecast"
 
@@ -109,12 +109,14 @@ def test_bodies_of_all_clients_together_find_room_or_are_refused(monkeypatch: py
 
     async def application(scope: Any, receive: Any, send: Any) -> None:
         nonlocal taken
-        message = await receive()
-        if message["type"] == "http.request":
-            taken += 1
-            await release.wait()
-            await send({"type": "http.response.start", "status": 200, "headers": []})
-            await send({"type": "http.response.body", "body": b"done"})
+        try:
+            await receive()
+        except RequestRefused as refused:
+            await refused.answer(scope, receive, send)
+            return
+        taken += 1
+        await release.wait()
+        await Response("done")(scope, receive, send)
 
     gate = GatherBody(application, limit=100)
 

@@ -71,7 +71,6 @@ async def test_a_request_that_does_not_come_to_its_end_is_given_up(begun: bytes)
         assert answer.status == 408
         assert "not complete within 0.6 s" in answer.problem()
         assert await client.ended() == b""
-        await client.close()
 
 
 async def test_a_byte_now_and_then_does_not_keep_a_request_alive() -> None:
@@ -90,7 +89,6 @@ async def test_a_byte_now_and_then_does_not_keep_a_request_alive() -> None:
         assert not answer or answer.startswith(b"HTTP/1.1 408")
         trickling.cancel()
         await asyncio.gather(trickling, return_exceptions=True)
-        await client.close()
 
 
 async def test_a_connection_without_requests_is_closed() -> None:
@@ -100,8 +98,6 @@ async def test_a_connection_without_requests_is_closed() -> None:
         assert (await idle.ask()).status == 200, "kept alive between two requests"
         assert await silent.ended() == b""
         assert await idle.ended() == b""
-        for client in (silent, idle):
-            await client.close()
 
 
 async def test_a_slow_answer_is_not_the_clients_fault() -> None:
@@ -128,7 +124,6 @@ async def test_who_never_reads_is_cut_off(path: str) -> None:
         await until(lambda: not server.open_connections)
         await until(lambda: app.state.ended == (path == "/endless"))
         assert (await ask(server)).status == 200
-        await deaf.close()
 
 
 @pytest.mark.parametrize("path", ["/large?megabytes=16", "/endless"])
@@ -142,7 +137,6 @@ async def test_who_reads_slowly_gets_it_all(path: str) -> None:
         for _ in range(16 * 8):
             await client.reader.readexactly(2**17)
             await asyncio.sleep(0.03)
-        await client.close()
 
 
 async def deaf_client(server: HttpServer, headers: str = "") -> Client:
@@ -156,10 +150,9 @@ async def deaf_client(server: HttpServer, headers: str = "") -> Client:
 async def test_what_a_client_has_not_taken_when_the_server_stops_is_dropped() -> None:
     """The connection would otherwise stay open until the garbage collector finds it, in whatever runs then."""
     async with serving(small_app(), config()) as server:
-        deaf = await deaf_client(server, "Connection: close\r\n")
+        await deaf_client(server, "Connection: close\r\n")
     assert not server.open_connections
     assert server.connections == 0
-    await deaf.close()
 
 
 async def test_room_for_answers_is_made_before_the_next_one_is_taken_in() -> None:
@@ -171,8 +164,6 @@ async def test_room_for_answers_is_made_before_the_next_one_is_taken_in() -> Non
             await client.send(b"GET /large?megabytes=24 HTTP/1.1\r\nHost: localhost\r\n\r\n")
         await until(lambda: server.cut_off["slow to read"] == 7)
         assert len([one for one in server.open_connections if not one.transport.is_closing()]) == 1
-        for client in deaf:
-            await client.close()
 
 
 async def test_too_many_connections_are_told_so_and_then_shut_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -203,7 +194,6 @@ async def test_one_client_does_not_take_all_places(monkeypatch: pytest.MonkeyPat
         first = await Client.to(server)
         assert (await first.ask()).status == 200
         assert (await ask(server)).status == 503
-        await first.close()
 
 
 async def test_a_proxy_may_bring_many_clients(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -290,7 +280,6 @@ async def test_bodies_up_to_the_limit_are_taken() -> None:
             client = await Client.to(server)
             await client.send(b"POST /zones HTTP/1.1\r\nHost: localhost\r\n" + body)
             assert (await client.answer()).status == 405, "taken in, and for the application to judge"
-            await client.close()
 
 
 async def test_little_of_a_connection_is_read_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -343,7 +332,6 @@ async def test_chunks_of_a_fair_size_are_taken_however_many() -> None:
         count = 3 * FREE_CHUNKS
         await client.send(CHUNKED + (b"200\r\n" + b"x" * 512 + b"\r\n") * count + b"0\r\n\r\n")
         assert (await client.answer()).body == str(512 * count).encode()
-        await client.close()
 
 
 async def test_one_pass_of_the_loop_is_no_longer_than_it_may_be() -> None:

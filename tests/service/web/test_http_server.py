@@ -26,7 +26,6 @@ async def test_connections_send_at_once_and_the_system_holds_little_of_it():
         accepted = connection.transport.get_extra_info("socket")
         assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0
         assert accepted.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) <= 2 * SEND_BUFFER
-        await client.close()
 
 
 async def test_connections_and_answers_are_figures():
@@ -45,8 +44,6 @@ async def test_connections_and_answers_are_figures():
         assert 'thermogate_http_answers_total{status="404"} 1.0' in exposed
         assert 'thermogate_http_cut_off_total{reason="slow to ask"} 1.0' in exposed
         assert "\nthermogate_certificate_expiry_timestamp_seconds" not in exposed, "no value without TLS"
-        for one in (slow, client):
-            await one.close()
 
 
 def on_file(path, **settings):

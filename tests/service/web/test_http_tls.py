@@ -56,8 +56,6 @@ async def test_the_certificate_is_served_and_a_renewed_one_without_a_restart(tmp
         measures = http_measures(server, create_app("site", {}, Metrics({}).registry))
         (expiry,) = [measure.read() for measure in measures if "expiry" in measure.name]
         assert expiry == (((), new.issued.not_valid_after_utc.timestamp()),)
-        for client in (kept, fresh):
-            await client.close()
 
 
 async def test_client_certificates(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from prometheus_client import CollectorRegistry
 from support.fake_zones import START, FakeZone, announced, broken, doubted, running, waiting
 from support.http_client import get, request
 from support.schemas import objects
-from support.served import Client, config, serving
+from support.served import Client, ask, config, serving
 
 from service.forecast.ahead import LookingAhead
 from service.publish.events import Streams
@@ -80,7 +80,7 @@ async def test_the_stream_brings_expectations_and_sparkline_and_then_what_change
         assert living.spark is None, "the client has it"
         assert [one.lead_s for one in living.expected] == [3600.0, 21600.0]
         assert living.expected[0].lower < living.expected[0].mean < living.expected[0].upper
-        answer = await whole(server)
+        answer = objects((await ask(server, "/overview")).body)
         spark = answer.zones[0].spark
         assert len(spark.values) <= 48
         assert spark.values[-1] == pytest.approx(zones["living"].updates[-1].y[0], abs=0.3)
@@ -91,7 +91,6 @@ async def test_the_stream_brings_expectations_and_sparkline_and_then_what_change
         del zones["living"]
         streams.remove("living")
         assert (await read_rows(client)).removed == ["living"]
-        await client.close()
 
 
 @pytest.mark.parametrize(("period", "leads"), [(300.0, [3600, 21600]), (7200.0, [7200, 21600]), (1.0, [12, 72])])
@@ -131,16 +130,6 @@ async def test_a_stream_ends_with_the_daemon(zones: dict[str, FakeZone], monkeyp
         assert (await client.ended()).endswith(b"0\r\n\r\n"), "also while news gathers"
         late = await follow(server)
         assert (await late.ended()).endswith(b"0\r\n\r\n")
-        await client.close()
-        await late.close()
-
-
-async def whole(server: Any) -> Any:
-    client = await Client.to(server)
-    try:
-        return objects((await client.ask("/overview")).body)
-    finally:
-        await client.close()
 
 
 def test_a_key_for_some_zones_sees_these_at_a_glance(zones: dict[str, FakeZone], tmp_path: Path) -> None:

@@ -12,8 +12,6 @@ from support.fake_zones import START, FakeZone, broken, running, waiting
 from support.http_client import get, problem, request
 from support.refused import assert_refused, refusals
 
-from service.publish.payloads import ForecastPayload
-from service.records.record import document
 from service.web.app import create_app
 
 
@@ -46,14 +44,6 @@ def test_pages_of_zones_are_all_zones_once(app: FastAPI, limit: int) -> None:
 
 def test_a_page_after_a_zone_that_is_gone_is_refused(app: FastAPI) -> None:
     assert "there is no zone 'garage' any more" in problem(get(app, "/zones?limit=2&after=garage"), 422)["detail"]
-
-
-def test_the_standing_forecast_is_the_published_one_to_the_last_digit(app: FastAPI, zones: dict[str, FakeZone]) -> None:
-    answer = get(app, "/zones/living/forecast")
-    published = document(ForecastPayload.of(zones["living"].updates[-1]), "htwg", "living")
-    assert answer.content == published
-    assert answer.headers["content-type"] == "application/json"
-    assert zones["living"].asked == [], "nothing was computed"
 
 
 def test_published_levels_are_not_computed_again(app: FastAPI, zones: dict[str, FakeZone]) -> None:

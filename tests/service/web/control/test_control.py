@@ -139,24 +139,6 @@ def test_a_zone_gives_the_same_numbers_whoever_asks(app: FastAPI) -> None:
         assert output["upper"][0] == [step["outputs"][0]["intervals"][0]["upper"] for step in own]
 
 
-def test_a_plan_may_be_coarser_or_timed(app: FastAPI, site: tuple[FastAPI, dict[str, Zone]]) -> None:
-    """In either request; see tests/service/forecast/test_plan.py for the values that each form has."""
-    latest = site[1]["rbpf"].now().update
-    assert latest is not None
-    start = latest.forecast.valid_time
-    forms: list[Any] = [
-        [1000.0] * 24 + [0.0] * 48,
-        {"step": "2h", "values": [1000.0, 0.0, 0.0]},
-        [{"time": f"{np.datetime64(start + k, 's')}Z", "value": w} for k, w in ((-3600, 1000.0), (7200, 0.0))],
-    ]
-    plans = [{"inputs": {"rbpf": {"u_heat": form}}} for form in forms]
-    found = [plan["rbpf"]["outputs"][0]["mean"] for plan in asked(app, zones=["rbpf"], plans=plans)]
-    for form in forms:
-        fan = post(app, "/zones/rbpf/forecast", {"horizon": "6h", "inputs": {"u_heat": form}}).json()["fan"]
-        found.append([step["outputs"][0]["mean"] for step in fan])
-    assert all(means == found[0] for means in found)
-
-
 def test_a_large_answer_is_made_in_turn_and_is_the_same(app: FastAPI, monkeypatch: pytest.MonkeyPatch) -> None:
     taken = []
     own = Limiter.turn
