@@ -119,7 +119,8 @@ class FanPayload(ForecastPayload):
         forecast, each = fan.update.forecast, steps(fan)
         period = forecast.valid_time - forecast.sample_time
         told = tuple(FanStepPayload(forecast.valid_time + k * period, step) for k, step in enumerate(each))
-        return cls(*_standing(fan.update, each[0]), (len(each) - 1) * period, tuple(planned), fan.origins, told)
+        horizon = (len(each) - 1) * period
+        return cls(*(*_standing(fan.update, each[0]), horizon, tuple(planned), fan.origins, told))
 
 
 @record

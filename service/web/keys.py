@@ -19,7 +19,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AwareDatetime, BaseModel, Field, ValidationError
 
 from adapters.fields.values import Identifier
 from service.errors import KeyFileError
@@ -39,13 +39,10 @@ LONGEST = 2**22
 Scope = Literal["read", "write", "admin"]
 
 _log = logging.getLogger(__name__)
-_FORMAT = ConfigDict(extra="forbid", frozen=True)
 
 
-class Caller(BaseModel):
+class Caller(BaseModel, extra="forbid", frozen=True):
     """Who asks."""
-
-    model_config = _FORMAT
 
     name: str
     scope: Scope = "read"
@@ -78,9 +75,7 @@ class Key(Caller):
         return "expired" if self.expires is not None and self.expires <= now else "active"
 
 
-class _Content(BaseModel):
-    model_config = _FORMAT
-
+class _Content(BaseModel, extra="forbid", frozen=True):
     schema_version: Literal[1] = Field(default=1, alias="schema")
     keys: tuple[Key, ...] = ()
 

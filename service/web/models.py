@@ -12,7 +12,6 @@ from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     WithJsonSchema,
 )
@@ -77,10 +76,8 @@ Instant = Annotated[datetime, BeforeValidator(_instant), WithJsonSchema({"type":
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class PostedReading(BaseModel):
+class PostedReading(BaseModel, extra="forbid", strict=True):
     """One reading in a JSON body."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
 
     channel: Annotated[str, Field(min_length=1, max_length=256)] = Field(
         description="zone/channel, or the name that the configuration gives it; for one zone the channel is enough"
@@ -91,10 +88,8 @@ class PostedReading(BaseModel):
     quality: Literal["good", "uncertain", "bad"] = "good"
 
 
-class PostedReadings(BaseModel):
+class PostedReadings(BaseModel, extra="forbid", json_schema_extra={"examples": EXAMPLES["PostedReadings"]}):
     """Body of POST /readings and POST /zones/{zone}/readings in JSON."""
-
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": EXAMPLES["PostedReadings"]})
 
     readings: list[PostedReading]
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Protocol, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator
+from pydantic import BaseModel, Field, ValidationError, WrapValidator
 from pydantic_core.core_schema import ValidatorFunctionWrapHandler
 
 from service.forecast.plan import Inputs, Stepped, Timed, Values
@@ -16,19 +16,15 @@ from service.web.models import EXAMPLES, Finite, Horizon, Instant, Levels
 MAX_INPUTS = 64
 
 
-class TimedValue(BaseModel):
+class TimedValue(BaseModel, extra="forbid"):
     """A value that holds from a time on."""
-
-    model_config = ConfigDict(extra="forbid")
 
     time: Instant = Field(description="RFC 3339 with zone")
     value: Finite
 
 
-class SteppedValues(BaseModel):
+class SteppedValues(BaseModel, extra="forbid"):
     """One value for each step of a coarser grid than the zone's."""
-
-    model_config = ConfigDict(extra="forbid")
 
     step: Horizon = Field(description="a whole number of the zone's periods, counted from valid_time")
     values: Annotated[list[Finite], Field(min_length=1, max_length=MAX_STEPS)]
@@ -59,10 +55,10 @@ PlannedInput = Annotated[
 ]
 
 
-class ForecastRequest(BaseModel):
+class ForecastRequest(
+    BaseModel, extra="forbid", strict=True, json_schema_extra={"examples": EXAMPLES["ForecastRequest"]}
+):
     """Body of POST /zones/{zone}/forecast: a forecast under planned inputs."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, json_schema_extra={"examples": EXAMPLES["ForecastRequest"]})
 
     horizon: Horizon = Field(description="how far beyond valid_time to forecast; a whole number of periods")
     levels: Levels = Field(default_factory=list, description="levels of the intervals; default: the published ones")

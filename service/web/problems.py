@@ -10,7 +10,7 @@ from typing import Any
 
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
@@ -26,10 +26,8 @@ _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 
 
-class Problem(BaseModel):
+class Problem(BaseModel, json_schema_extra={"examples": EXAMPLES["Problem"]}):
     """An error (RFC 9457)."""
-
-    model_config = ConfigDict(json_schema_extra={"examples": EXAMPLES["Problem"]})
 
     type: str = "about:blank"
     title: str

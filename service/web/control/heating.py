@@ -9,7 +9,7 @@ from typing import Annotated
 from zoneinfo import ZoneInfo
 
 from fastapi import APIRouter, Query
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, Field
 
 from service.errors import Away, NoLaw, PlanError
 from service.forecast.answers import Comparison, Demand, Preheat, SiteDemand, ZoneTotal
@@ -40,11 +40,7 @@ _AT_ONCE = 4
 """Zones of a site's demand that are asked at once."""
 
 
-class _Body(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-
-class DemandBody(_Body):
+class DemandBody(BaseModel, extra="forbid", strict=True):
     """Body of POST /zones/{zone}/demand."""
 
     horizon: Horizon = Field(description="from valid_time on; a whole number of periods")
@@ -59,14 +55,14 @@ class SiteDemandBody(DemandBody):
     zones: list[str] = Field(default_factory=list, max_length=2000, description="default: all")
 
 
-class CourseBody(_Body):
+class CourseBody(BaseModel, extra="forbid", strict=True):
     """A plan of set-points."""
 
     name: str = Field(max_length=64)
     T_set: PlannedInput = Field(description="degC, as inputs are planned")
 
 
-class WhatIfBody(_Body):
+class WhatIfBody(BaseModel, extra="forbid", strict=True):
     """Body of POST /zones/{zone}/what-if."""
 
     horizon: Horizon = Field(description="from valid_time on; a whole number of periods")

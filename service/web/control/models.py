@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, Field
 
 from adapters.reading import Quality
 from service.records.fan import CompactOutputPayload
@@ -19,10 +19,8 @@ MAX_PLANS = 64
 MAX_ZONES = 500
 
 
-class SitePlan(BaseModel):
+class SitePlan(BaseModel, extra="forbid"):
     """A plan for the site: the inputs of each zone."""
-
-    model_config = ConfigDict(extra="forbid")
 
     name: str = Field(default="", max_length=64, description="comes back with the answer")
     inputs: dict[str, dict[str, PlannedInput]] = Field(
@@ -32,10 +30,8 @@ class SitePlan(BaseModel):
     )
 
 
-class SiteForecastRequest(BaseModel):
+class SiteForecastRequest(BaseModel, extra="forbid", json_schema_extra={"examples": EXAMPLES["SiteForecastRequest"]}):
     """Body of POST /forecasts."""
-
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": EXAMPLES["SiteForecastRequest"]})
 
     horizon: Horizon = Field(description="how far beyond valid_time; a whole number of each zone's periods")
     zones: Annotated[list[str], Field(max_length=MAX_ZONES)] = Field(

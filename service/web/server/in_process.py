@@ -52,16 +52,13 @@ async def ask(
         "server": None,
         "state": dict(state or {}),
     }
-    waiting: list[Message] = [{"type": "http.request", "body": body}]
-    status, parts = int(HTTPStatus.INTERNAL_SERVER_ERROR), list[bytes]()
+    received, sent = iter([{"type": "http.request", "body": body}]), list[Message]()
 
     async def receive() -> Message:
-        return waiting.pop() if waiting else {"type": "http.disconnect"}
+        return next(received, {"type": "http.disconnect"})
 
     async def send(message: Message) -> None:
-        nonlocal status
-        status = message.get("status", status)
-        parts.append(message.get("body", b""))
+        sent.append(message)
 
     await app(scope, receive, send)
-    return Answer(status, b"".join(parts))
+    return Answer(sent[0]["status"], b"".join(message.get("body", b"") for message in sent))
