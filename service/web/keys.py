@@ -58,7 +58,7 @@ class Caller(BaseModel, extra="forbid", frozen=True):
         return self.zones is None or zone in self.zones
 
 
-class Key(Caller):
+class Key(Caller, frozen=True):
     """What is known of a key; not the key itself."""
 
     name: Identifier
