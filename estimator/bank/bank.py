@@ -108,6 +108,8 @@ class Bank:
         self._entries = [[names.index(name) for name in own] for names in named]
         """Where the parameters of every member's network have those of the bank's."""
         self._prior = np.array([prior_at(member.prior, hours) for member in options.members.values()])
+        self._newest: tuple[Any, list[Mixture]] = (), []
+        """Members' states and their `_parts`: a forecast is scored soon after it was published."""
 
     @property
     def issue_type(self) -> type[BankState]:
@@ -330,8 +332,12 @@ class Bank:
 
     def _parts(self, state: BankState) -> list[Mixture]:
         """The members' distributions of the sample at the state's time."""
-        parts = [member.predictive(own) for member, own in zip(self.members, state.members, strict=True)]
-        return [reduced(part, _COMPONENTS) for part in parts]
+        members, parts = self._newest
+        if members is not state.members:
+            parts = [member.predictive(own) for member, own in zip(self.members, state.members, strict=True)]
+            parts = [reduced(part, _COMPONENTS) for part in parts]
+            self._newest = state.members, parts
+        return parts
 
     def _weights(self, state: BankState) -> Array:
         """(E, H): what every member weighs at each of `leads`; nothing while it cannot explain the samples."""

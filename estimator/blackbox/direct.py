@@ -144,9 +144,7 @@ class Direct(Regression):
 
     def predict(self, state: DirectState, inputs: Array) -> DirectState:
         """One period on under `inputs` (n_u,) held over the step."""
-        held = np.concatenate([state.inputs[1:], inputs[None]])
-        rows = np.concatenate([state.outputs[:, 1:], state.outputs[:, -1:]], axis=1)
-        known = np.concatenate([state.measured[:, 1:], np.zeros((len(rows), 1))], axis=1)
+        held, rows, known = _moved_on(state.inputs, inputs, state.outputs, state.measured)
         ahead = _foretold(
             rows, self._sums(held), self._leads[:1], self._windows, self._day, int(state.step), 2 * self._day - 1,
             state.coefficients[0], self._trust(state), state.seen, self._foresees,
@@ -156,7 +154,7 @@ class Direct(Regression):
 
     def predictive(self, state: DirectState) -> Mixture:
         """A Gaussian for every output at the state's time, as a mixture of one."""
-        sds = _spread(self._sds(state), self._leads, _unmeasured(state.measured), np.zeros(1))
+        sds = _spread(self._sds(state), self._leads, _unmeasured(state.measured), 1)
         return Mixture(np.ones(1), state.outputs[:, -1:].copy(), sds)
 
     def update(self, state: DirectState, outputs: Array) -> Posterior:
@@ -216,8 +214,8 @@ class Direct(Regression):
                 outputs[i, last + 1 : last + 1 + day] = outputs[i, last] + np.interp(ahead, known, [0.0, *row])
         outputs[:, day + 1] = issue.outputs[:, -1]
         means = outputs[:, day + 1 : day + 1 + steps].T
-        late = _unmeasured(issue.measured)
-        return Mixtures.of_gaussians(means, _spread(issue.sds, self._leads, late, np.arange(0.0, steps)).T)
+        late = _unmeasured(np.ascontiguousarray(issue.measured))
+        return Mixtures.of_gaussians(means, _spread(issue.sds, self._leads, late, steps).T)
 
     def verified_share(self, step: int) -> float:
         """What a step leaves of the sums over verified forecasts, `step` steps after the start: the first ones, of
@@ -233,14 +231,14 @@ class Direct(Regression):
 
     def _sums(self, inputs: Array) -> Array:
         """(m + 1, n_u): sums of the first rows of scaled `inputs` (m, n_u)."""
-        return np.concatenate([np.zeros((1, inputs.shape[1])), np.cumsum(self._scaled(inputs), axis=0)])
+        found: Array = _sums(inputs, self.level, self._scale)
+        return found
 
     def _trust(self, state: DirectState) -> Array:
         """(n_y, L): what share of a foretold change has come true; 0 before any was verified."""
-        number, product, square, real, _ = np.moveaxis(state.verified, -1, 0)
         # As if the first half of a day had been foretold as much as it changed, and nothing of it had come.
-        doubt = 0.5 * self._day * real / np.maximum(number, 1.0)
-        return np.clip(product / np.maximum(square + doubt, 1e-12), 0.0, 1.0)
+        found: Array = _trusts(state.verified, 0.5 * self._day)
+        return found
 
     def _sds(self, state: DirectState) -> Array:
         """(n_y, L): standard deviations [K] at the leads, from the errors of verified forecasts."""
@@ -248,21 +246,69 @@ class Direct(Regression):
         return found
 
 
-def _unmeasured(measured: Array) -> Array:
+@njit(cache=True, nogil=True)
+def _unmeasured(measured):  # type: ignore[no-untyped-def]
     """(n_y,): for how many steps each output has not been measured; the newest is the one that is forecast."""
-    steps: Array = np.argmax(measured[:, ::-1] > 0.0, axis=1)
-    return np.where(measured.any(axis=1), steps, measured.shape[1]).astype(np.float64) - 1.0
+    late = np.empty(len(measured))
+    for i in range(len(measured)):
+        steps = 0
+        while steps < measured.shape[1] and measured[i, measured.shape[1] - 1 - steps] == 0.0:
+            steps += 1
+        late[i] = steps - 1.0
+    return late
 
 
-def _spread(sds: Array, leads: Array, late: Array, ahead: Array) -> Array:
-    """(n_y, m): `sds` (n_y, L) [K] at `ahead` (m,) steps after the first forecast, of outputs that are `late` (n_y,).
+@njit(cache=True, nogil=True)
+def _moved_on(inputs, newest, outputs, measured):  # type: ignore[no-untyped-def]
+    """Inputs with the `newest` (n_u,), outputs with the last one twice, and that the newest is not measured."""
+    held, rows, known = np.empty_like(inputs), np.empty_like(outputs), np.empty_like(measured)
+    held[:-1], held[-1] = inputs[1:], newest
+    rows[:, :-1], rows[:, -1] = outputs[:, 1:], outputs[:, -1]
+    known[:, :-1], known[:, -1] = measured[:, 1:], 0.0
+    return held, rows, known
+
+
+@njit(cache=True, nogil=True)
+def _sums(inputs, level, scale):  # type: ignore[no-untyped-def]
+    """(m + 1, n_u): sums of the first rows of scaled `inputs` (m, n_u)."""
+    found = np.zeros((len(inputs) + 1, len(level)))
+    for k in range(len(inputs)):
+        for j in range(len(level)):
+            found[k + 1, j] = found[k, j] + (inputs[k, j] - level[j]) / scale[j]
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _trusts(verified, doubted):  # type: ignore[no-untyped-def]
+    """(n_y, L): shares of foretold changes that came true, beside `doubted` forecasts of which nothing did."""
+    found = np.empty(verified.shape[:2])
+    for i in range(verified.shape[0]):
+        for n in range(verified.shape[1]):
+            number, product, square, real = verified[i, n, 0], verified[i, n, 1], verified[i, n, 2], verified[i, n, 3]
+            doubt = doubted * real / max(number, 1.0)
+            found[i, n] = min(max(product / max(square + doubt, 1e-12), 0.0), 1.0)
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _spread(sds, leads, late, count):  # type: ignore[no-untyped-def]
+    """(n_y, count): `sds` (n_y, L) [K] at the first forecast and the steps after it, of outputs that are `late` (n_y,).
 
     Beyond the last lead they grow with the root of the time.
     """
-    found = np.empty((len(sds), len(ahead)))
+    found = np.empty((len(sds), count))
     for i in range(len(sds)):
-        steps = 1.0 + ahead + max(late[i], 0.0)
-        found[i] = np.interp(steps, leads, sds[i]) * np.sqrt(np.maximum(steps / leads[-1], 1.0))
+        begin, n = 1.0 + max(late[i], 0.0), 0
+        for k in range(count):
+            steps = begin + k
+            while n < len(leads) - 2 and leads[n + 1] <= steps:
+                n += 1
+            if steps >= leads[-1] or len(leads) == 1:
+                sd = sds[i, -1]
+            else:
+                slope = (sds[i, n + 1] - sds[i, n]) / (leads[n + 1] - leads[n])
+                sd = slope * (steps - leads[n]) + sds[i, n]
+            found[i, k] = sd * math.sqrt(max(steps / leads[-1], 1.0))
     return found
 
 

@@ -53,8 +53,7 @@ class CompiledMixture(ReferenceMixture):
     def sample(self, particles: Particles, index: Indices, normals: Array) -> Array:
         """Draws z (n_z, K) from the Gaussians of the particles `index` (K,)."""
         out = np.empty_like(normals)
-        mean, covariance = np.take(particles.mean, index, axis=1), np.take(particles.covariance, index, axis=1)
-        scenarios.sample(self._shape, mean, covariance, normals, out)
+        scenarios.sample(self._shape, particles.mean, particles.covariance, index, normals, out)
         return out
 
     def paths(self, start: Scenarios, plan: Array, seed: int, origin: int) -> Array:

@@ -305,8 +305,9 @@ def propagate(size, topology, shape, settings, gate, inputs, normals, uniforms, 
                 at.flow[settings.gain_node, w] += WATTS * mean[n, w]
         for t in range(terms):
             node, power = shape.heated[shape.term_place[t]], inputs[known + t]
-            for w in range(width):
-                at.flow[node, w] += power * mean[n + gains + t, w]
+            if power != 0.0:
+                for w in range(width):
+                    at.flow[node, w] += power * mean[n + gains + t, w]
         modes(size, topology, theta, settings.period, width, at)
         move(size, settings.period, mean, width, at, later)
         _linearise(

@@ -14,7 +14,7 @@ from numba import njit
 from estimator.kernels.blocks import fixed_parameters, load
 from estimator.kernels.draws import fill, padded
 from estimator.kernels.elementary import exponential
-from estimator.kernels.jit import JIT, WIDTH
+from estimator.kernels.jit import JIT, PART, WIDTH
 from estimator.kernels.modes import heat_flow, memory, modes, move
 from estimator.mixture.kernels import (
     clipped,
@@ -28,29 +28,37 @@ from estimator.mixture.kernels import (
 from estimator.mixture.model import SMALLEST_PIVOT, WATTS
 
 
+@njit(**PART)
+def _factorise(packed, size, factor):  # type: ignore[no-untyped-def]
+    """The lower triangular root of a positive semidefinite matrix, both packed, into `factor`."""
+    for t in range(factor.shape[0]):
+        factor[t] = packed[t]
+    for j in range(size):
+        variance = factor[place_of(j, j)]
+        pivot = variance
+        for m in range(j):
+            pivot -= factor[place_of(j, m)] ** 2
+        inverse = 1.0 / sqrt(pivot) if pivot > variance * SMALLEST_PIVOT else 0.0
+        factor[place_of(j, j)] = pivot * inverse
+        for i in range(j + 1, size):
+            value = factor[place_of(i, j)]
+            for m in range(j):
+                value -= factor[place_of(i, m)] * factor[place_of(j, m)]
+            factor[place_of(i, j)] = value * inverse
+
+
 @njit(**JIT)
-def sample(shape, mean, covariance, normals, out):  # type: ignore[no-untyped-def]
-    """`out` (n_z, K): draws from Gaussians, c and phi inside their bounds; packed covariances, standard `normals`
-    (n_z, K)."""
-    size, count = mean.shape
+def sample(shape, mean, covariance, index, normals, out):  # type: ignore[no-untyped-def]
+    """`out` (n_z, K): draws from the Gaussians `index` (K,) of `mean` (n_z, N) and packed `covariance`, c and phi in
+    their bounds; `normals` (n_z, K) are standard."""
+    size, count = mean.shape[0], index.shape[0]
     first, factor = size - shape.lower.shape[0], np.empty(covariance.shape[0])
     for k in range(count):
-        for t in range(factor.shape[0]):
-            factor[t] = covariance[t, k]
-        for j in range(size):
-            variance = factor[place_of(j, j)]
-            pivot = variance
-            for m in range(j):
-                pivot -= factor[place_of(j, m)] ** 2
-            inverse = 1.0 / sqrt(pivot) if pivot > variance * SMALLEST_PIVOT else 0.0
-            factor[place_of(j, j)] = pivot * inverse
-            for i in range(j + 1, size):
-                value = factor[place_of(i, j)]
-                for m in range(j):
-                    value -= factor[place_of(i, m)] * factor[place_of(j, m)]
-                factor[place_of(i, j)] = value * inverse
+        # Successive draws mostly come from the same particle.
+        if k == 0 or index[k] != index[k - 1]:
+            _factorise(covariance[:, index[k]], size, factor)
         for i in range(size):
-            value = mean[i, k]
+            value = mean[i, index[k]]
             for j in range(i + 1):
                 value += factor[place_of(i, j)] * normals[j, k]
             out[i, k] = clipped(value, shape.lower[i - first], shape.upper[i - first]) if i >= first else value
@@ -110,8 +118,10 @@ def paths(size, topology, shape, settings, seed, origin, normal_stream, uniform_
                     at.flow[settings.gain_node, w] += WATTS * gain[w]
             for t in range(terms):
                 node, power = shape.heated[shape.term_place[t]], plan[ahead, channels + t]
-                for w in range(width):
-                    at.flow[node, w] += power * state[n + gains + t, w]
+                # Most habits are of another hour.
+                if power != 0.0:
+                    for w in range(width):
+                        at.flow[node, w] += power * state[n + gains + t, w]
             move(size, settings.period, now, width, at, later)
             for i in range(n):
                 if settings.volatile_process:

@@ -25,6 +25,49 @@ def test_a_wild_member_goes_as_far_as_the_reach(reach):
     np.testing.assert_array_equal(whole.sds[0], [1.0, 1.0, 9.0])
 
 
+def middle_of(values, weights):
+    """Weighted median: halfway between two where exactly half of the weight is on either side."""
+    values, weights = zip(*sorted(zip(values, weights, strict=True)), strict=True)
+    below = np.cumsum(weights)
+    lower = next(value for value, sum_ in zip(values, below, strict=True) if sum_ >= 0.5 - 1e-9)
+    upper = next(value for value, sum_ in zip(values, below, strict=True) if sum_ > 0.5 + 1e-9)
+    return 0.5 * (lower + upper)
+
+
+def textbook(parts, weights, scale, reach):
+    """The mixture of one output as it would be written down: moved to within the reach, weighted, stretched."""
+    means, sds = [part.mean()[0] for part in parts], [part.sd()[0] for part in parts]
+    middle, limit = middle_of(means, weights), reach * middle_of(sds, weights)
+    components = [
+        (weight * share / part.weights.sum(), at + np.clip(mean, middle - limit, middle + limit) - mean, sd)
+        for part, mean, weight in zip(parts, means, weights, strict=True)
+        for share, at, sd in zip(part.weights, part.means[0], part.sds[0], strict=True)
+    ]
+    whole = Mixture(*(np.array(row) for row in zip(*components, strict=True)))
+    centre = sum(whole.weights * whole.means)
+    return Mixture(whole.weights, centre + scale * (whole.means - centre), scale * whole.sds)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_compiled_mixture_is_that_of_the_textbook(seed):
+    rng = np.random.default_rng(seed)
+    counts, scale, reach = (
+        rng.integers(1, 9, rng.integers(1, 8)),
+        rng.uniform(0.3, 3.0),
+        rng.choice([0.0, 0.7, 2.0, FAR]),
+    )
+    parts = [
+        Mixture(rng.dirichlet(np.ones(n)), 20.0 + 3.0 * rng.normal(size=(1, n)), rng.uniform(0.05, 2.0, (1, n)))
+        for n in counts
+    ]
+    # Members that weigh the same share the middle between them.
+    weights = shares(*np.ones(len(parts))) if seed % 2 else rng.dirichlet(np.ones(len(parts)))
+    expected, found = textbook(parts, weights, scale, reach), mixed(parts, weights, scale, reach)
+    np.testing.assert_allclose(found.weights, expected.weights, atol=1e-12)
+    np.testing.assert_allclose(found.means[0], expected.means, atol=1e-9)
+    np.testing.assert_allclose(found.sds[0], expected.sds, atol=1e-12)
+
+
 def test_every_lead_and_output_has_a_middle_of_its_own():
     rng = np.random.default_rng(1)
     weights, scales, reaches = (
