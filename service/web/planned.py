@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Protocol, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError, WrapValidator
@@ -73,17 +73,11 @@ class ForecastRequest(
     )
 
 
-class Named(Protocol):
-    """A plan with a name."""
-
-    name: str
-
-
-Plans = TypeVar("Plans", bound=Sequence[Named])
+Plans = TypeVar("Plans", bound=Sequence[Any])
 
 
 def named_apart(plans: Plans) -> Plans:
-    """`plans`, of which no two have the same name, unless it is none; ValueError otherwise."""
+    """`plans`, of which no two have the same `name`, unless it is none; ValueError otherwise."""
     names = [plan.name for plan in plans if plan.name]
     if twice := [name for name in names if names.count(name) > 1]:
         raise ValueError(f"two plans are named '{twice[0]}'; give each another name")
@@ -98,9 +92,8 @@ def inputs_of(given: Mapping[str, PlannedInput]) -> Inputs:
 def values_of(value: PlannedInput) -> Values:
     if isinstance(value, SteppedValues):
         return Stepped(value.step, np.array(value.values))
-    if isinstance(value, list):
-        timed = [one for one in value if isinstance(one, TimedValue)]
-        if timed:
-            return Timed(np.array([one.time.timestamp() for one in timed]), np.array([one.value for one in timed]))
-        return np.array(value, dtype=np.float64)
-    return value
+    if not isinstance(value, list):
+        return value
+    if timed := [one for one in value if isinstance(one, TimedValue)]:
+        return Timed(np.array([one.time.timestamp() for one in timed]), np.array([one.value for one in timed]))
+    return np.array(value, dtype=np.float64)

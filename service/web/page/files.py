@@ -18,9 +18,6 @@ def install(app: FastAPI) -> None:
     page = (_STATIC / "index.html").read_text(encoding="utf-8").replace("{plotly}", version("plotly"))
     scripts = StaticFiles(packages=[("plotly", "package_data")])
 
-    async def live(request: Request) -> Response:
-        return HTMLResponse(page)
-
     async def plotly(request: Request) -> Response:
         answer = await scripts.get_response("plotly.min.js", request.scope)
         # The page asks with the version in the address, so what it got stays right for good.
@@ -28,7 +25,7 @@ def install(app: FastAPI) -> None:
         answer.headers["Cache-Control"] = f"max-age={_YEAR_SECONDS}, immutable" if known else "no-cache"
         return answer
 
-    app.add_route("/", live, include_in_schema=False)
+    app.add_route("/", lambda request: HTMLResponse(page), include_in_schema=False)
     app.add_route("/static/plotly.min.js", plotly, include_in_schema=False)
     install_documentation(app)
 
@@ -37,11 +34,8 @@ def install_documentation(app: FastAPI) -> None:
     """Add the page at /docs and what it loads to `app`."""
     files = StaticFiles(directory=_STATIC)
 
-    async def documentation(request: Request) -> Response:
-        return FileResponse(_STATIC / "docs.html")
-
     async def static(request: Request) -> Response:
         return await files.get_response(request.path_params["path"], request.scope)
 
-    app.add_route("/docs", documentation, include_in_schema=False)
+    app.add_route("/docs", lambda request: FileResponse(_STATIC / "docs.html"), include_in_schema=False)
     app.add_route("/static/{path:path}", static, include_in_schema=False)
