@@ -125,12 +125,8 @@ class Checkpoints(ABC):
         """The step of the oldest kept checkpoint of `zone`; None if there is none."""
 
     @abstractmethod
-    def reset(self, zone: str) -> object:
-        """Set all checkpoints of `zone` aside."""
-
-    @abstractmethod
-    def set_aside(self, zone: str, after: int) -> object:
-        """Set those aside that were taken later than `after`."""
+    def set_aside(self, zone: str, after: int = BEGINNING - 1) -> object:
+        """Set those aside that were taken later than `after`; by itself all of them."""
 
     @abstractmethod
     def _set_damaged_aside(self, zone: str, found: Found) -> None:
@@ -230,21 +226,13 @@ class CheckpointStore(Checkpoints):
                 yield examined(path, zone, int(path.stem), content)
 
     def oldest(self, zone: str) -> int | None:
-        """The step of the oldest kept checkpoint of `zone`; None if there is none."""
         kept = self.files(zone)
         return int(kept[-1].stem) if kept else None
 
-    def reset(self, zone: str) -> Path | None:
-        """Set the checkpoints of `zone` aside in a folder of their own, which is returned; None if there are none."""
+    def set_aside(self, zone: str, after: int = BEGINNING - 1) -> Path | None:
+        """As all checkpoints; in a folder of their own, which is returned; None if there are none."""
         folder = self.path / zone
-        return self._set_aside(zone, [path for path in folder.iterdir() if path.is_file()] if folder.is_dir() else [])
-
-    def set_aside(self, zone: str, after: int) -> Path | None:
-        """The same with those alone that were taken later than `after`."""
-        return self._set_aside(zone, [p for p in _newest_first(self.path / zone) if int(p.stem) > after])
-
-    def _set_aside(self, zone: str, files: list[Path]) -> Path | None:
-        folder = self.path / zone
+        files = [path for path in _newest_first(folder) if int(path.stem) > after]
         aside = folder / f"reset-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}"
         if not files:
             return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, ClassVar, Protocol, TypeVar
 
 Result = TypeVar("Result")
@@ -46,7 +46,8 @@ class Database(ABC):
     """A database with the tables of the journal: blocking, for one thread at a time.
 
     `place` says in messages where it is, and `reset` how state is given up there (None: by `thermogate run --reset`).
-    Every method may raise JournalError with the place and the remedy.
+    Every method may raise JournalError with the place and the remedy. Here all zones are the caller's; a database that
+    several owners share knows those of each, and raises Fenced for the others.
     """
 
     reset: ClassVar[str | None] = None
@@ -73,10 +74,27 @@ class Database(ABC):
     def size(self) -> int:
         """Bytes that the journal takes on the disk."""
 
-    @abstractmethod
-    def shrink(self) -> bool:
-        """Give some of the space of deleted rows back to the disk; whether there was any to give."""
+    def shrink(self) -> bool | None:
+        """Give some of the space of deleted rows back to the disk; whether there was any to give. None: it is kept for
+        later rows."""
+        return None
 
     @abstractmethod
     def close(self) -> None:
         """Close the connection; safe to call twice."""
+
+    def take(self, cursor: Cursor, zone: str) -> None:
+        """Make `zone` one of this owner's."""
+        return None
+
+    def give_up(self, cursor: Cursor, zone: str) -> None:
+        """Leave `zone` to whoever takes it next; nothing if it has gone."""
+        return None
+
+    def writable(self, cursor: Cursor, zones: Collection[str], wanted: Collection[str]) -> Collection[str]:
+        """Those of the `wanted` zones that are this owner's; Fenced unless all `zones` are."""
+        return wanted
+
+    def own_zones(self) -> list[str] | None:
+        """The zones that are this owner's; None: all."""
+        return None

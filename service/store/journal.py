@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import struct
+import threading
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -20,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adapters.reading import Reading
-from service.errors import JournalError
+from service.errors import Fenced, JournalError
 from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.sample import Sample
 from service.records.update import Update
@@ -45,9 +46,6 @@ SERIES_ROWS = 4000
 
 PAGE = 500
 """Samples that are read at once."""
-
-PENDING_LIMIT = 1000
-"""Rows of history that wait for the next transaction at most."""
 
 DELETED_AT_ONCE = 500
 """Rows of a table that are deleted in a transaction."""
@@ -80,15 +78,15 @@ _log = logging.getLogger(__name__)
 
 
 class Journal:
-    """The journal in a `database`: blocking, for one thread at a time. Every method may raise JournalError.
-
-    Whoever shares the database with other owners says in `_hold` and `_allowed` what may be written to; here it is all.
-    """
+    """The journal in a `database`: blocking, and but for `record` for one thread at a time. Every method may raise
+    JournalError, and those that write Fenced for a zone that is another owner's."""
 
     def __init__(self, database: Database) -> None:
         self.database = database
-        self._pending: dict[tuple[str, int], tuple[Any, ...]] = {}
-        """History rows that the next transaction takes along, by zone and time."""
+        self.read = database.read
+        self._pending: dict[tuple[str, int], Update] = {}
+        """What the next transaction adds to the history, by zone and time."""
+        self._recording = threading.Lock()
         self._ends: dict[str, tuple[int, int]] = {}
         """Time and link of the newest sample of each zone that was written to since the journal was opened."""
         self._keeping: set[str] = set()
@@ -100,15 +98,11 @@ class Journal:
         """The journal in the SQLite file at `path`, made with its folder; other files and schemas are refused."""
         return cls(JournalFile.open(path))
 
-    def read(self, query: str, *values: object) -> list[tuple[Any, ...]]:
-        """All rows of a question."""
-        return self.database.read(query, *values)
-
     def claim(self, zone: str, fingerprint: str) -> bool:
         """Whether the samples of `zone` belong to `fingerprint`; a zone without samples takes it over."""
 
         def work(cursor: Cursor) -> tuple[bool, bool]:
-            self._hold(cursor, zone)
+            self.database.take(cursor, zone)
             kept = cursor.execute("SELECT 1 FROM readings WHERE zone = ? LIMIT 1", zone).fetchone() is not None
             stored = cursor.execute("SELECT fingerprint FROM zones WHERE zone = ?", zone).fetchone()
             used = cursor.execute("SELECT 1 FROM samples WHERE zone = ? LIMIT 1", zone).fetchone()
@@ -148,10 +142,9 @@ class Journal:
         return stored
 
     def record(self, zone: str, update: Update) -> None:
-        """Add or replace the history row of `update`; durable with the next append, flush or close."""
-        self._pending[zone, update.time] = history_row(zone, HistoryRow.of(update))
-        if len(self._pending) >= PENDING_LIMIT:
-            self.flush()
+        """Add or replace the history row of `update`; durable with the next append, flush or close. From any thread."""
+        with self._recording:
+            self._pending[zone, update.time] = update
 
     def flush(self) -> None:
         """Make the recorded history durable. Raises if nothing can be written now, also where there is none."""
@@ -198,7 +191,7 @@ class Journal:
 
         def work(cursor: Cursor) -> None:
             aside = _aside(zone)
-            self._hold(cursor, zone)
+            self.database.take(cursor, zone)
             copy = "INSERT INTO zones (zone, fingerprint) SELECT ?, fingerprint FROM zones WHERE zone = ?"
             cursor.execute(copy, aside, zone)
             for table in (*ROWS, "pruned"):
@@ -216,6 +209,12 @@ class Journal:
         """Nothing is left of `zone`."""
         self._write([zone], lambda cursor: cursor.execute("DELETE FROM forgotten WHERE zone = ?", zone))
 
+    def give_up(self, zone: str) -> None:
+        """Make durable what was recorded, and leave `zone` to its next owner."""
+        self._write((), lambda cursor: self.database.give_up(cursor, zone))
+        self._ends.pop(zone, None)
+        self._keeping.discard(zone)
+
     def set_aside(self, zone: str, after: int) -> None:
         """Set aside what is later than `after` of `zone`, as `forget` does with all of it."""
         aside = _aside(zone)
@@ -229,7 +228,9 @@ class Journal:
 
     def prunable(self) -> list[str]:
         """The zones of which rows may be deleted here, without what was set aside."""
-        return [zone for zone in self.every_zone() if not is_aside(zone)]
+        self.flush()
+        own = self.database.own_zones()
+        return [zone for zone in self.every_zone() if not is_aside(zone)] if own is None else own
 
     def every_zone(self) -> list[str]:
         """Every zone there are rows of, what was set aside among them, from one seek each."""
@@ -266,11 +267,13 @@ class Journal:
         return self._write([zone], work)
 
     def close(self) -> None:
-        """Flush and close; safe to call twice."""
+        """Flush and close; safe to call twice. What was recorded for another owner is left out: he has it too."""
         try:
             if self._pending:
-                self.flush()
+                with suppress(Fenced):
+                    self.flush()
         finally:
+            self._pending.clear()
             self.database.close()
 
     def samples_after(self, zone: str, time: int | None) -> Iterator[Sample]:
@@ -367,8 +370,10 @@ class Journal:
 
     def _show(self, zone: str) -> None:
         """Make durable what was recorded of `zone`, if it can be: what is there is read in any case."""
+        with self._recording:
+            recorded = any(owner == zone for owner, _ in self._pending)
         # Reading need not wait for the disk because of other zones.
-        if any(owner == zone for owner, _ in self._pending):
+        if recorded:
             with suppress(JournalError):
                 self.flush()
 
@@ -381,23 +386,22 @@ class Journal:
     def _write(self, zones: Collection[str], work: Callable[[Cursor], Result]) -> Result:
         """The result of `work` in one durable transaction that writes to `zones` and also carries the pending history,
         which is kept for the next try if it fails."""
-        pending = dict(self._pending)
+        with self._recording:
+            pending = dict(self._pending)
 
         def whole(cursor: Cursor) -> Result:
-            allowed = self._allowed(cursor, zones, {zone for zone, _ in pending})
-            cursor.insert(_HISTORY, [row for (zone, _), row in pending.items() if zone in allowed], _REPLACE)
+            own = self.database.writable(cursor, zones, {zone for zone, _ in pending})
+            rows = [history_row(zone, HistoryRow.of(update)) for (zone, _), update in pending.items() if zone in own]
+            cursor.insert(_HISTORY, rows, _REPLACE)
             return work(cursor)
 
         result = self.database.transaction(whole)
-        self._pending.clear()
+        with self._recording:
+            for key, update in pending.items():
+                # It may have been replaced meanwhile.
+                if self._pending.get(key) is update:
+                    del self._pending[key]
         return result
-
-    def _hold(self, cursor: Cursor, zone: str) -> None:
-        """Make `zone` one of this owner's in a transaction."""
-
-    def _allowed(self, cursor: Cursor, zones: Collection[str], wanted: Collection[str]) -> Collection[str]:
-        """Those of the `wanted` zones that may be written to in this transaction; Fenced unless `zones` may."""
-        return wanted
 
 
 def is_aside(zone: str) -> bool:

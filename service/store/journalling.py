@@ -9,8 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from abc import ABC, abstractmethod
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import islice
@@ -26,7 +25,7 @@ from service.store.checkpoint import Checkpoint, Checkpoints
 from service.store.database import Result
 from service.store.journal import PAGE, Journal
 from service.store.retention import Limits, prune
-from service.store.series import Buckets, Page, history_page, inputs_page, joined, series_of
+from service.store.series import Buckets, history_page, inputs_page, joined, series_of
 
 _BETWEEN_SLICES = 0.02
 """Pause between two slices of pruning, in s: other work of the journal's thread comes first."""
@@ -57,8 +56,6 @@ class JournalStore(ABC):
         self.checkpoints = checkpoints
         self._place = place
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
-        self._recorded: deque[tuple[str, Update]] = deque()
-        """Updates on their way to the journal's thread."""
         self._accepted: list[tuple[str, Sample]] = []
         """Samples that the next commit takes along."""
         self._commit: asyncio.Task[Mapping[str, Fenced]] | None = None
@@ -91,12 +88,12 @@ class JournalStore(ABC):
 
     def record(self, zone: str, update: Update) -> None:
         """Add an update to the history; durable with the next `append` or `flush`."""
-        self._recorded.append((zone, update))
+        self.journal.record(zone, update)
 
     async def forget(self, zone: str) -> None:
         """Set all state of a zone aside."""
         await self.run(self.journal.forget, zone)
-        await asyncio.to_thread(self.checkpoints.reset, zone)
+        await asyncio.to_thread(self.checkpoints.set_aside, zone)
         await self.run(self.journal.forgot, zone)
 
     async def resume_after(self, zone: str, checkpoint: int | None) -> int | None:
@@ -142,17 +139,13 @@ class JournalStore(ABC):
 
     async def series(self, wanted: Stretch) -> Series:
         """The history and the inputs of a stretch, thinned out; other work of the journal comes in between."""
-        history = await self._pages(history_page, wanted)
-        return series_of(history, await self._pages(inputs_page, wanted), wanted.bucket)
-
-    async def _pages(self, page: Page, wanted: Stretch) -> Buckets:
-        """All pages of a stretch, joined."""
-        found: list[Buckets] = []
-        start: int | None = wanted.start
-        while start is not None:
-            buckets, start = await self.run(page, self.journal, wanted, start)
-            found.append(buckets)
-        return joined(found)
+        history, inputs = list[Buckets](), list[Buckets]()
+        for page, found in ((history_page, history), (inputs_page, inputs)):
+            start: int | None = wanted.start
+            while start is not None:
+                buckets, start = await self.run(page, self.journal, wanted, start)
+                found.append(buckets)
+        return series_of(joined(history), joined(inputs), wanted.bucket)
 
     def problems(self) -> list[str]:
         """What keeps the store from accepting anything until somebody helps; nothing if all is well."""
@@ -162,10 +155,6 @@ class JournalStore(ABC):
     @abstractmethod
     def measures(self) -> list[Measure]:
         """What metrics tell of the store."""
-
-    def _prune(self, limits: Limits) -> Iterator[None]:
-        """In the thread of the journal: delete what is beyond `limits`, a slice at every step."""
-        return prune(self.journal, self._oldest_checkpoint, limits)
 
     def _oldest_checkpoint(self, zone: str) -> int | None:
         """As `oldest` of the checkpoints; None, with which every sample stays, also where they cannot be listed."""
@@ -186,7 +175,7 @@ class JournalStore(ABC):
         """Delete, for ever, what the journal holds beyond `limits`."""
         while True:
             try:
-                slices = self._prune(limits)
+                slices = prune(self.journal, self._oldest_checkpoint, limits)
                 while await self.run(next, slices, _DONE) is not _DONE:
                     await asyncio.sleep(_BETWEEN_SLICES)
                 self.known_size = await self.run(self.journal.database.size)
@@ -204,10 +193,7 @@ class JournalStore(ABC):
     def close(self) -> None:
         """Make durable what was recorded, and close the journal; safe to call twice."""
         self._thread.shutdown(wait=True)
-        try:
-            self._take_recorded()
-        finally:
-            self.journal.close()
+        self.journal.close()
 
     async def _commit_accepted(self) -> Mapping[str, Fenced]:
         """Commit what was accepted; why the samples of some zones were not, by zone."""
@@ -225,13 +211,5 @@ class JournalStore(ABC):
             return {}
 
     async def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """What `function` returns in the thread of the journal, after everything that was recorded before it."""
-        return await asyncio.get_running_loop().run_in_executor(self._thread, self._in_order, function, *arguments)
-
-    def _in_order(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        self._take_recorded()
-        return function(*arguments)
-
-    def _take_recorded(self) -> None:
-        while self._recorded:
-            self.journal.record(*self._recorded.popleft())
+        """What `function` returns in the thread of the journal."""
+        return await asyncio.get_running_loop().run_in_executor(self._thread, function, *arguments)

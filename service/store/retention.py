@@ -70,6 +70,9 @@ def prune_old(journal: Journal, oldest_checkpoint: Oldest, keep_history: float) 
 def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterator[None]:
     """Delete what is beyond `limits`, as `prune_old` does, and the oldest rows of all while the file is too large."""
     yield from prune_old(journal, oldest_checkpoint, limits.keep_history)
+    if journal.database.shrink() is None:
+        # Deleting more would not make the files smaller.
+        return
     while journal.database.size() > _BEGIN * limits.max_journal:
         victim = _oldest_zone(journal, oldest_checkpoint)
         if victim is None or not journal.delete(*victim):

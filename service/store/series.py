@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -44,10 +43,6 @@ def inputs_page(journal: Journal, wanted: Stretch, start: int) -> tuple[Buckets,
     step = wanted.stride * wanted.period
     times, inputs, following = journal.input_columns(wanted.zone, start, wanted.end, step, wanted.width)
     return reduced(times, inputs, inputs[:, :0], inputs[:, :0], wanted.bucket), following
-
-
-Page = Callable[[Journal, Stretch, int], tuple[Buckets, int | None]]
-"""Reads a page that begins at a time (UTC s); the last of the two is where the next one begins."""
 
 
 def reduced(times: npt.NDArray[np.int64], values: Array, low: Array, high: Array, bucket: int) -> Buckets:

@@ -15,7 +15,7 @@ from adapters.reading import Reading
 from service.store.checkpoint import Checkpoint
 from service.store.postgres.leases import Lease, Leases
 from service.store.postgres.store import PostgresStore
-from service.store.retention import Limits
+from service.store.retention import Limits, prune
 
 LONG = 600.0
 READING = Reading("z/T_i", make_sample(1).time + 1.0, 20.0)
@@ -92,6 +92,6 @@ WRITING: dict[str, Callable[[PostgresStore], Awaitable[Any]]] = {
     "forget": lambda store: store.forget("z"),
     "give up": _given_up,
     "record": _recorded,
-    "prune": lambda store: store.run(lambda: list(store._prune(Limits(1.0, 1.0)))),
+    "prune": lambda store: store.run(lambda: list(prune(store.journal, store.checkpoints.oldest, Limits(1.0, 1.0)))),
 }
 """Everything that an owner does to its zone."""

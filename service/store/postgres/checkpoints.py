@@ -9,28 +9,22 @@ from datetime import UTC, datetime
 from typing import Any
 
 from service.errors import StateMismatch
-from service.store.checkpoint import KEPT, Checkpoint, Checkpoints, Found, encode, examined
+from service.store.checkpoint import BEGINNING, KEPT, Checkpoint, Checkpoints, Found, encode, examined
 from service.store.database import Cursor
 from service.store.postgres.database import PostgresDatabase
-from service.store.postgres.leases import Fence
 
 _log = logging.getLogger(__name__)
 
 
 class PostgresCheckpoints(Checkpoints):
-    """Checkpoints in `database`, written as far as `fence` lets it.
+    """Checkpoints in `database`. It may be asked from any thread, one after the other. Every method may raise
+    JournalError, and those that write Fenced."""
 
-    It may be asked from any thread, one after the other. Every method may raise JournalError, and those that write
-    Fenced.
-    """
-
-    def __init__(self, database: PostgresDatabase, fence: Fence) -> None:
+    def __init__(self, database: PostgresDatabase) -> None:
         self._database = database
-        self._fence = fence
         self._one = threading.Lock()
 
     def save(self, zone: str, checkpoint: Checkpoint, *, keep_all: bool = False) -> None:
-        """Write `checkpoint`, durable on return, and remove the oldest ones, unless to `keep_all`."""
         content = encode(checkpoint._replace(zone=zone))
 
         def work(cursor: Cursor) -> None:
@@ -48,7 +42,6 @@ class PostgresCheckpoints(Checkpoints):
         self._write(zone, work)
 
     def found(self, zone: str) -> Iterator[Found]:
-        """As all checkpoints are."""
         query = (
             "SELECT step, content FROM checkpoints WHERE zone = ? AND NOT damaged AND step < ? "
             "ORDER BY step DESC LIMIT 1"
@@ -59,17 +52,11 @@ class PostgresCheckpoints(Checkpoints):
             yield examined(f"at {before} of zone '{zone}' in {self._database.place}", zone, before, content)
 
     def oldest(self, zone: str) -> int | None:
-        """The step of the oldest kept checkpoint of `zone`; None if there is none."""
         query = "SELECT min(step) FROM checkpoints WHERE zone = ? AND NOT damaged"
         step: int | None = self._read(query, zone)[0][0]
         return step
 
-    def reset(self, zone: str) -> None:
-        """Set all checkpoints of `zone` aside."""
-        self.set_aside(zone, -(2**63))
-
-    def set_aside(self, zone: str, after: int) -> None:
-        """Set those aside that were taken later than `after`."""
+    def set_aside(self, zone: str, after: int = BEGINNING - 1) -> None:
         aside = f"{zone}@{datetime.now(UTC).isoformat()}"
         query = "UPDATE checkpoints SET zone = ? WHERE zone = ? AND step > ?"
         self._write(zone, lambda cursor: cursor.execute(query, aside, zone, after))
@@ -93,7 +80,7 @@ class PostgresCheckpoints(Checkpoints):
 
     def _write(self, zone: str, work: Callable[[Cursor], object]) -> None:
         def whole(cursor: Cursor) -> None:
-            self._fence.required(cursor, [zone])
+            self._database.writable(cursor, [zone], ())
             work(cursor)
 
         with self._one:

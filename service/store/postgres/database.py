@@ -108,8 +108,9 @@ class PostgresDatabase(Database):
     least_pruned = 86_400
     """A day: one statement for many rows."""
 
-    def __init__(self, connection: str, site: str) -> None:
+    def __init__(self, connection: str, site: str, *, read_only: bool = False) -> None:
         self._psycopg = driver()
+        self._read_only = read_only
         try:
             given = self._psycopg.conninfo.conninfo_to_dict(connection)
         except self._psycopg.Error as error:
@@ -140,10 +141,6 @@ class PostgresDatabase(Database):
     def size(self) -> int:
         """Bytes that samples, history and readings of all zones of the site take on the disk, with their indexes."""
         return int(self.read(_SIZE)[0][0])
-
-    def shrink(self) -> bool:
-        """False: the server keeps the space for later rows."""
-        return False
 
     def close(self) -> None:
         connection, self._open = self._open, None
@@ -178,15 +175,23 @@ class PostgresDatabase(Database):
         if self._open is None:
             if time.monotonic() < self._not_before:
                 raise JournalError(self.trouble or f"{self.place} failed")
+            settings = {
+                "search_path": f'"{self.schema}"',
+                "statement_timeout": f"{STATEMENT_SECONDS * 1000:.0f}",
+                "idle_in_transaction_session_timeout": f"{FROZEN_SECONDS * 1000:.0f}",
+            }
+            if self._read_only:
+                settings["default_transaction_read_only"] = "on"
             try:
                 self._open = self._psycopg.connect(autocommit=True, **self._arguments)
                 self._open.execute(
-                    "SELECT set_config('search_path', %s, false), set_config('statement_timeout', %s, false), "
-                    "set_config('idle_in_transaction_session_timeout', %s, false), "
-                    # What the server does beyond that, such as waiting for a standby, stays.
-                    "CASE WHEN current_setting('synchronous_commit') IN ('off', 'local') "
-                    "THEN set_config('synchronous_commit', 'on', false) END",
-                    (f'"{self.schema}"', f"{STATEMENT_SECONDS * 1000:.0f}", f"{FROZEN_SECONDS * 1000:.0f}"),
+                    "SELECT set_config(name, value, false) FROM unnest(%s::text[], %s::text[]) AS given (name, value)",
+                    (list(settings), list(settings.values())),
+                )
+                # What the server does beyond that, such as waiting for a standby, stays.
+                self._open.execute(
+                    "SELECT set_config('synchronous_commit', 'on', false) "
+                    "WHERE current_setting('synchronous_commit') IN ('off', 'local')"
                 )
             except self._psycopg.Error:
                 self._not_before = time.monotonic() + self._pause.seconds

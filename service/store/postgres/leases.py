@@ -168,6 +168,29 @@ class Fence:
         cursor.execute("UPDATE leases SET owner = NULL, epoch = epoch + 1 WHERE name = ?", name)
 
 
+class LeasedDatabase(PostgresDatabase):
+    """The tables of `site`, of which the zones of a lease are this owner's, as far as `fence` lets it."""
+
+    def __init__(self, connection: str, site: str, fence: Fence) -> None:
+        super().__init__(connection, site)
+        self.fence = fence
+
+    def take(self, cursor: Cursor, zone: str) -> None:
+        self.fence.take(cursor, zone)
+
+    def give_up(self, cursor: Cursor, zone: str) -> None:
+        name, _, epoch, _ = self.fence.lease
+        cursor.execute("UPDATE zones SET lease = NULL WHERE zone = ? AND lease = ? AND epoch = ?", zone, name, epoch)
+
+    def writable(self, cursor: Cursor, zones: Collection[str], wanted: Collection[str]) -> Collection[str]:
+        return self.fence.required(cursor, zones, wanted)
+
+    def own_zones(self) -> list[str]:
+        name, _, epoch, _ = self.fence.lease
+        query = "SELECT zone FROM zones WHERE lease = ? AND epoch = ? ORDER BY zone"
+        return [zone for (zone,) in self.read(query, name, epoch)]
+
+
 def _lost(lease: Lease) -> str:
     """What is told of a `lease` that has been taken."""
     return (

@@ -6,15 +6,11 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
 from service.errors import JournalError, ServiceError
+from service.store.journal import Journal
 from service.store.postgres.checkpoints import PostgresCheckpoints
 from service.store.postgres.database import PostgresDatabase
-from service.store.postgres.journal import LeasedJournal
-from service.store.postgres.leases import Fence, Lease
 from service.store.postgres.schema import SCHEMA_VERSION, another_version, applied
 from service.store.reading import StoredState
-
-_NOBODY = Lease("reader", "nobody", 0, 0.0)
-"""A lease that was never given: nothing is written under it."""
 
 
 @contextmanager
@@ -23,7 +19,7 @@ def read_site(connection: str, site: str) -> Iterator[StoredState]:
 
     ServiceError where there is none, where another version of Thermogate wrote it, and where it cannot be read.
     """
-    with closing(PostgresDatabase(connection, site)) as database:
+    with closing(PostgresDatabase(connection, site, read_only=True)) as database:
         version = applied(database)
         if version == 0:
             raise ServiceError(
@@ -32,5 +28,4 @@ def read_site(connection: str, site: str) -> Iterator[StoredState]:
             )
         if version != SCHEMA_VERSION:
             raise JournalError(another_version(database, version))
-        nobodys = Fence(_NOBODY)
-        yield StoredState(LeasedJournal(database, nobodys), PostgresCheckpoints(database, nobodys))
+        yield StoredState(Journal(database), PostgresCheckpoints(database))

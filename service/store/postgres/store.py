@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from service.records.measures import Measure, single
+from service.store.journal import Journal
 from service.store.journalling import JournalStore
 from service.store.postgres.checkpoints import PostgresCheckpoints
-from service.store.postgres.database import PostgresDatabase
-from service.store.postgres.journal import LeasedJournal
-from service.store.postgres.leases import Fence, Lease
+from service.store.postgres.leases import Fence, Lease, LeasedDatabase
 from service.store.postgres.schema import prepare, warn_of_unsafe_commits
-from service.store.retention import Limits, prune_old
 
 
 class PostgresStore(JournalStore):
@@ -28,28 +24,23 @@ class PostgresStore(JournalStore):
     def __init__(self, connection: str, site: str, lease: Lease) -> None:
         """Opens it, and creates the tables. Raises ServiceError with the remedy where that fails."""
         self.fence = Fence(lease)
-        self._database = PostgresDatabase(connection, site)
+        self.database = LeasedDatabase(connection, site, self.fence)
         try:
-            prepare(self._database)
-            warn_of_unsafe_commits(self._database)
+            prepare(self.database)
+            warn_of_unsafe_commits(self.database)
         except BaseException:
-            self._database.close()
+            self.database.close()
             raise
-        self._own = LeasedJournal(self._database, self.fence)
-        self._kept = PostgresCheckpoints(PostgresDatabase(connection, site), self.fence)
-        super().__init__(self._own, self._kept, self._database.place)
+        self._kept = PostgresCheckpoints(LeasedDatabase(connection, site, self.fence))
+        super().__init__(Journal(self.database), self._kept, self.database.place)
 
     async def give_up(self, zone: str) -> None:
         """Leave `zone` to the next owner that claims it, with everything that was recorded durable; stop it before."""
-        await self.run(self._own.give_up, zone)
+        await self.run(self.journal.give_up, zone)
 
     def problems(self) -> list[str]:
         """What keeps the store from accepting anything; nothing if all is well."""
         return [*super().problems(), *([] if self.fence.lost is None else [self.fence.lost])]
-
-    def _prune(self, limits: Limits) -> Iterator[None]:
-        # The server keeps the space of deleted rows for later ones, so deleting more would not make its files smaller.
-        return prune_old(self._own, self._oldest_checkpoint, limits.keep_history)
 
     def measures(self) -> list[Measure]:
         """What metrics tell of the store."""

@@ -7,7 +7,7 @@ import io
 import json
 import os
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NoReturn
 
@@ -48,78 +48,51 @@ def store(tmp_path: Path) -> CheckpointStore:
     return CheckpointStore(tmp_path / "checkpoints")
 
 
-def files(store: CheckpointStore, zone: str = "living") -> list[str]:
-    return sorted(path.name for path in (store.path / zone).iterdir())
-
-
-def test_round_trip_is_bit_exact(store: CheckpointStore) -> None:
+def test_round_trip_is_bit_exact_in_a_plain_npz(store: CheckpointStore) -> None:
     path = store.save("living", make(12))
     assert path.name == "000000000012.npz"
     loaded = store.load("living", "f1")
     assert loaded is not None
     assert same(make(12).arrays, loaded.arrays)
     assert (loaded.fingerprint, loaded.step, loaded.meta) == ("f1", 12, make(12).meta)
-
-
-def test_the_file_is_a_plain_npz_without_pickle(store: CheckpointStore) -> None:
-    with np.load(store.save("living", make(1)), allow_pickle=False) as archive:
+    with np.load(path, allow_pickle=False) as archive:
         assert np.array_equal(archive["array.bit_generator"], ARRAYS["bit_generator"])
-
-
-def test_objects_are_never_stored(store: CheckpointStore) -> None:
     with pytest.raises(CheckpointError, match="holds Python objects"):
         store.save("living", make(1)._replace(arrays={"bad": np.array([object()])}))
 
 
-def check_damage(store: CheckpointStore, content: bytes, original: bytes, caplog: pytest.LogCaptureFixture) -> None:
-    """A newest checkpoint with `content` is either whole or set aside for the one before."""
-    path = store.path / "living" / "000000000002.npz"
-    path.write_bytes(content)
-    loaded = store.load("living", "f1")
-    assert loaded is not None
-    if loaded.step == 2:
-        assert same(make(2).arrays, loaded.arrays)
-        assert loaded.meta == make(2).meta
-        return
-    assert loaded.step == 1
-    assert same(make(1).arrays, loaded.arrays)
-    assert path.with_name("000000000002.npz.corrupt").read_bytes() == content
-    assert "is damaged" in caplog.text
-    caplog.clear()
-    assert not path.exists()
-
-
-def test_truncation_anywhere_is_noticed(store: CheckpointStore, caplog: pytest.LogCaptureFixture) -> None:
-    store.save("living", make(1))
-    path = store.save("living", make(2))
-    original = path.read_bytes()
-    for length in [*range(0, len(original), 37), len(original) - 1]:
-        check_damage(store, original[:length], original, caplog)
-        assert not path.exists(), f"{length} of {len(original)} bytes passed for a whole checkpoint"
-
-
-def test_flipped_bytes_never_give_other_numbers(store: CheckpointStore, caplog: pytest.LogCaptureFixture) -> None:
-    store.save("living", make(1))
-    original = store.save("living", make(2)).read_bytes()
-    for offset in range(0, len(original), 5):
+def broken(original: bytes) -> Iterator[tuple[bytes, bool]]:
+    """Damaged contents, and whether each is certain to be of no use: a flipped bit may be nobody's."""
+    yield from ((original[:length], True) for length in (*range(0, len(original), 211), len(original) - 1))
+    for offset in range(0, len(original), 17):
         content = bytearray(original)
         content[offset] ^= 0xFF
-        check_damage(store, bytes(content), original, caplog)
+        yield bytes(content), False
+    with np.load(io.BytesIO(original)) as archive:
+        parts = dict(archive)
+    swapped = io.BytesIO()
+    np.savez(swapped, **parts | {"array.scale": np.array([3.0])})
+    yield swapped.getvalue(), True
 
 
-def test_a_valid_archive_with_swapped_arrays_is_damaged(
+def test_what_is_damaged_gives_no_other_numbers_and_is_set_aside(
     store: CheckpointStore, caplog: pytest.LogCaptureFixture
 ) -> None:
     store.save("living", make(1))
     path = store.save("living", make(2))
-    original = path.read_bytes()
-    with np.load(io.BytesIO(original)) as archive:
-        parts = dict(archive)
-    parts["array.scale"] = np.array([3.0])
-    buffer = io.BytesIO()
-    np.savez(buffer, **parts)
-    check_damage(store, buffer.getvalue(), original, caplog)
-    assert not path.exists()
+    for content, certain in broken(path.read_bytes()):
+        path.write_bytes(content)
+        loaded = store.load("living", "f1")
+        assert loaded is not None
+        assert same(make(loaded.step).arrays, loaded.arrays)
+        assert loaded.meta == make(loaded.step).meta
+        if loaded.step == 2:
+            assert not certain
+            continue
+        assert path.with_name("000000000002.npz.corrupt").read_bytes() == content
+        assert "is damaged" in caplog.text
+        caplog.clear()
+        assert not path.exists()
 
 
 def test_a_newer_format_with_another_digest_is_not_taken_for_damage(store: CheckpointStore) -> None:
@@ -129,13 +102,6 @@ def test_a_newer_format_with_another_digest_is_not_taken_for_damage(store: Check
         np.savez(file, header=header)
     with pytest.raises(CheckpointError, match="format 9"):
         store.load("living", "f1")
-
-
-def test_an_unusable_folder_is_named(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    store = CheckpointStore(tmp_path / "file")
-    with pytest.raises(CheckpointError, match="cannot be written"):
-        store.save("living", make(1))
 
 
 @pytest.mark.parametrize("number", [errno.EMFILE, errno.EACCES, errno.EIO])
@@ -156,18 +122,14 @@ def test_a_folder_that_cannot_be_listed_is_not_an_empty_one(
 
 
 def test_reset_sets_everything_aside(store: CheckpointStore) -> None:
-    assert store.reset("living") is None
+    assert store.set_aside("living") is None
     content = store.save("living", make(1)).read_bytes()
-    store.save("bedroom", make(1))
-    aside = store.reset("living")
+    aside = store.set_aside("living")
     assert aside is not None
-    assert aside.name.startswith("reset-")
     assert (aside / "000000000001.npz").read_bytes() == content
-    assert store.load("living", "another") is None
-    assert store.load("bedroom", "f1") is not None
     store.save("living", make(1, "another"))
     assert store.load("living", "another") is not None
-    assert store.reset("living") not in (None, aside)
+    assert store.set_aside("living") not in (None, aside)
 
 
 def test_a_checkpoint_of_another_zone_is_not_taken(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -44,16 +44,12 @@ def test_a_lease_has_one_owner_until_it_expires_or_is_released(shards: Shards) -
     shards.leases.release(second)
     assert shards.leases.acquire("shard", "node-3", LONG).epoch > second.epoch
     again = shards.leases.acquire("shard", "node-3", LONG)
+    shards.expire(again)
+    assert shards.leases.renew(again, LONG).is_safe(), "nobody has taken it meanwhile"
     assert again.epoch > second.epoch + 1, "the same owner, started again, need not wait; what it was before is fenced"
 
 
-def test_a_lease_that_expired_and_was_not_taken_is_renewed(shards: Shards) -> None:
-    lease = shards.leases.acquire("shard", "node-1", LONG)
-    shards.expire(lease)
-    assert shards.leases.renew(lease, LONG).is_safe()
-
-
-@pytest.mark.parametrize("skew", [-300.0, -30.0, 30.0, 300.0])
+@pytest.mark.parametrize("skew", [-300.0, 300.0])
 def test_clocks_that_are_wrong_do_no_harm(shards: Shards, skew: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nodes whose clocks differ from the database's, and which were started at other times."""
     held = shards.leases.acquire("shard", "node-1", 120.0)
@@ -79,8 +75,7 @@ def test_a_lease_is_never_thought_to_last_longer_than_the_database_has_it(shards
     assert lasts(lease, 61.0)
 
 
-@pytest.mark.parametrize("other", ["node-2", "node-1"])
-@pytest.mark.parametrize("act", WRITING)
+@pytest.mark.parametrize(("act", "other"), [*((act, "node-2") for act in WRITING), ("append", "node-1")])
 def test_who_has_lost_the_lease_writes_nothing(shards: Shards, act: str, other: str) -> None:
     """Also where the same owner has started again."""
     lease = shards.leases.acquire("shard", "node-1", LONG)
@@ -173,7 +168,7 @@ def test_a_lease_is_not_taken_in_the_middle_of_a_transaction_and_renewed_meanwhi
         assert told.wait(180)
         cursor.execute("UPDATE samples SET skipped = ?", "late")
 
-    writer = threading.Thread(target=lambda: store._database.transaction(work))
+    writer = threading.Thread(target=lambda: store.database.transaction(work))
     writer.start()
     assert writing.wait(180)
     renewed = shards.leases.renew(lease, LONG)
@@ -212,7 +207,7 @@ def test_an_owner_that_froze_in_the_middle_of_a_transaction_keeps_nobody_waiting
         cursor.execute("UPDATE samples SET skipped = ?", "stale")
 
     with pytest.raises(Fenced):
-        store._database.transaction(work)
+        store.database.transaction(work)
     assert waited.is_set()
     assert shards.sql("SELECT skipped FROM {}.samples") == [(None,)]
 

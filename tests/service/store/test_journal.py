@@ -39,15 +39,6 @@ def test_writing_while_reading_samples(journal: Journal, monkeypatch: pytest.Mon
     assert len(journal.history("living", None, None, 10)) == 5
 
 
-def test_many_rows_are_flushed_on_the_way(path: Path, journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.store.journal.PENDING_LIMIT", 5)
-    for step in range(6):
-        journal.record("living", make_update(step))
-    other = Journal.open(path)
-    assert len(other.history("living", None, None, 100)) == 5
-    other.close()
-
-
 def sql(statement: str) -> Callable[[Path], None]:
     """A change by SQLite itself."""
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import logging
 import shutil
 from contextlib import closing
 from pathlib import Path
 
 import pytest
-from support.fake_zones import PERIOD, make_sample, make_update
+from support.fake_zones import make_sample, make_update
 from support.running_zone import Announced, fed, finished, make, plumbing, straight
 from support.zone_samples import comparable, sample
 
 from service.store.journal import Journal
-from service.store.retention import Limits, prune
 from service.store.store import JOURNAL
 
 
@@ -57,40 +55,16 @@ def test_behind_a_damaged_place_in_its_log_nothing_is_made_up_and_that_is_told(
     assert f"{log} is damaged, and what was accepted last is lost behind that place" in caplog.text
 
 
-async def lived(folder: Path, items: list) -> list[str]:
-    """What a zone on `folder` announces when it takes `items` after what it had."""
-    announcer = Announced()
-    async with plumbing(folder, announcer) as shared:
-        zone = make(shared)
-        await finished(zone, await fed(zone, items))
-    return [comparable(update) for _, update in announcer.updates]
-
-
 async def test_with_the_journal_moved_away_a_zone_goes_on_from_its_checkpoint(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    items = [sample(k) for k in range(60)]
-    await lived(tmp_path, items[:40])
-    (tmp_path / JOURNAL).unlink()
-
+    items, announcer = [sample(k) for k in range(60)], Announced()
     async with plumbing(tmp_path) as shared:
-        assert await make(shared).prepare() == items[39].time, "not from the beginning"
+        zone = make(shared)
+        await finished(zone, await fed(zone, items[:40]))
+    (tmp_path / JOURNAL).unlink()
+    async with plumbing(tmp_path, announcer) as shared:
+        zone = make(shared)
+        await finished(zone, await fed(zone, items[40:]))
     assert "goes on from its checkpoint at 1970-01-01T03:15:00Z, but the journal ends" in caplog.text
-    assert await lived(tmp_path, items[40:]) == straight(items)[39:]
-
-
-async def test_without_checkpoints_a_pruned_zone_learns_anew_and_says_so(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    items = [sample(k) for k in range(60)]
-    await lived(tmp_path, items)
-    with closing(Journal.open(tmp_path / JOURNAL)) as journal:
-        list(prune(journal, lambda zone: items[-1].time, Limits(9.0 * PERIOD, 1e12)))
-    for file in (tmp_path / "checkpoints").rglob("*.npz"):
-        file.write_bytes(b"")
-    announced = await lived(tmp_path, [])
-    assert announced == straight(items[50:])[-1:], "it knows what the samples that are left teach"
-    assert "it has learned anew from the later ones" in caplog.text
-    caplog.clear()
-    await lived(tmp_path, [])
-    assert not [record for record in caplog.records if record.levelno >= logging.WARNING], "said once"
+    assert [comparable(update) for _, update in announcer.updates] == straight(items)[39:]

@@ -221,10 +221,10 @@ async def test_a_server_that_may_only_be_read_is_read(fragile: Shards) -> None:
     run("ALTER SYSTEM SET default_transaction_read_only = on", "SELECT pg_reload_conf()")
     await until(lambda: run("SHOW default_transaction_read_only") == [("on",)])
     try:
-        session = store._database.read("SELECT pg_backend_pid()")
+        session = store.database.read("SELECT pg_backend_pid()")
         with pytest.raises(JournalError, match=r"read-only transaction.*it is a standby or was made read-only"):
             await store.append("z", make_sample(1))
-        assert store._database.read("SELECT pg_backend_pid()") != session, "it may find another primary"
+        assert store.database.read("SELECT pg_backend_pid()") != session, "it may find another primary"
         store.record("z", make_update(1))
         assert len(await store.samples_after("z", None)) == 1
         rows = len(await store.run(store.journal.history, "z", None, None, 9))

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import errno
-import os
 from collections.abc import Iterator
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 
 import pytest
 from support.fake_zones import make_sample, make_update
 from support.kept import Kept
+from support.waiting import until
 
 from adapters.fields.times import written_time
 from adapters.reading import Quality, Reading
+from service.errors import CheckpointError
 from service.store.checkpoint import Checkpoint
 from service.store.journal import Journal
 from service.store.postgres.database import PostgresDatabase
@@ -38,6 +37,7 @@ def journal(tmp_path: Path) -> Iterator[Journal]:
 def either(kept: Kept, monkeypatch: pytest.MonkeyPatch) -> Iterator[Journal]:
     """A journal in a file or a database, whose limits on age are the same."""
     monkeypatch.setattr(PostgresDatabase, "least_pruned", 0)
+    monkeypatch.setattr("service.store.journal.DELETED_AT_ONCE", 50)
     store = kept.open()
     for zone in ("living", "bedroom"):
         store.journal.claim(zone, "f")
@@ -45,11 +45,11 @@ def either(kept: Kept, monkeypatch: pytest.MonkeyPatch) -> Iterator[Journal]:
     store.close()
 
 
-def fill(journal: Journal, zone: str, steps: int) -> None:
-    journal.append_all([(zone, make_sample(step)) for step in range(steps)])
-    for step in range(steps):
-        journal.record(zone, make_update(step)._replace(time=FIRST + step * STEP))
-    journal.flush()
+def fill(journal: Journal, zone: str, steps: int, begin: int = FIRST, step: int = STEP) -> None:
+    """Samples and history of `zone` from `begin` (UTC s) on."""
+    for time in range(begin, begin + steps * step, step):
+        journal.record(zone, make_update(0)._replace(time=time))
+    journal.append_all([(zone, make_sample(0)._replace(time=begin + k * step)) for k in range(steps)])
 
 
 def steps_of(journal: Journal, zone: str) -> tuple[list[int], list[int]]:
@@ -61,20 +61,13 @@ def steps_of(journal: Journal, zone: str) -> tuple[list[int], list[int]]:
 def pruned(journal: Journal, limits: Limits, oldest_checkpoint: int | None) -> int:
     """Prune with the oldest checkpoint of every zone after this step; how many slices that took."""
     time = None if oldest_checkpoint is None else FIRST + oldest_checkpoint * STEP
-    # A database does not shrink.
-    if limits.max_journal == FOREVER:
-        return sum(1 for _ in prune_old(journal, lambda zone: time, limits.keep_history))
     return sum(1 for _ in prune(journal, lambda zone: time, limits))
 
 
-def test_without_a_checkpoint_every_sample_stays(journal: Journal) -> None:
+def test_what_a_start_needs_stays_however_small_the_limits_are(journal: Journal) -> None:
     fill(journal, "living", 300)
-    pruned(journal, Limits(10 * STEP, 1), oldest_checkpoint=None)
+    assert pruned(journal, Limits(10 * STEP, 10_000), oldest_checkpoint=None) < 20, "it comes to an end"
     assert steps_of(journal, "living")[0] == list(range(300))
-
-
-def test_the_newest_sample_stays(journal: Journal) -> None:
-    fill(journal, "living", 300)
     pruned(journal, Limits(0.0, 1), oldest_checkpoint=299)
     assert steps_of(journal, "living") == ([299], [299])
     assert not journal.append_all([("living", make_sample(299))]), "what is there is not taken twice"
@@ -98,102 +91,73 @@ def test_age_counts_from_the_newest_sample_of_each_zone(either: Journal) -> None
     assert steps_of(either, "bedroom")[0] == list(range(199, 300))
 
 
-def leap(journal: Journal, zone: str, begin: int, steps: int, step: int = STEP) -> None:
-    """Samples and history of `zone` from `begin` (UTC s) on."""
-    samples = [make_sample(0)._replace(time=begin + k * step) for k in range(steps)]
-    journal.append_all([(zone, one) for one in samples])
-    for one in samples:
-        journal.record(zone, make_update(0)._replace(time=one.time))
-    journal.flush()
-
-
 def test_a_clock_that_leaps_ahead_deletes_nothing(either: Journal) -> None:
     """500 days ahead for a minute, and whatever follows: the true rows stay until a day of samples has confirmed it."""
     fill(either, "living", 1000)
     ahead = FIRST + 500 * DAY
-    leap(either, "living", ahead, 5)
+    fill(either, "living", 5, ahead)
     pruned(either, Limits(100 * STEP, FOREVER), oldest_checkpoint=10_000_000)
     assert steps_of(either, "living")[0][:1000] == list(range(1000))
     assert either.pruned_until("living") is None
-    leap(either, "living", ahead + 5 * STEP, 290)
+    fill(either, "living", 290, ahead + 5 * STEP)
     for _ in range(2):
         pruned(either, Limits(100 * STEP, FOREVER), oldest_checkpoint=10_000_000)
     assert steps_of(either, "living")[0][0] == (ahead - FIRST) // STEP + 294 - 100, "that was a day of samples"
 
 
 def test_without_checkpoints_the_history_still_goes(either: Journal) -> None:
-    fill(either, "living", 6000)
-    for _ in range(3):
+    fill(either, "living", 2500)
+    for _ in range(2):
         pruned(either, Limits(100 * STEP, FOREVER), oldest_checkpoint=None)
-    assert steps_of(either, "living") == (list(range(6000)), list(range(5899, 6000)))
+    assert steps_of(either, "living") == (list(range(2500)), list(range(2399, 2500)))
 
 
-def test_the_file_stays_within_its_limit_and_the_oldest_rows_go_first(tmp_path: Path, journal: Journal) -> None:
-    limit = 7_000_000
-    for round_ in range(8):
-        for zone in ("living", "bedroom"):
-            journal.append_all([(zone, make_sample(1000 * round_ + k)) for k in range(1000)])
-            for k in range(1000):
-                journal.record(zone, make_update(k)._replace(time=FIRST + (1000 * round_ + k) * STEP))
-        journal.flush()
-        pruned(journal, Limits(FOREVER, limit), oldest_checkpoint=1000 * round_ + 990)
-        assert journal.database.size() <= limit
-        assert sum(path.stat().st_size for path in tmp_path.glob(f"{JOURNAL}*")) <= limit
-    journal.close()
+def test_the_file_stays_within_its_limit_and_the_oldest_rows_go_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.store.journal_file.LOG_LIMIT", 2**20)
+    limit = 2_000_000
+    with closing(Journal.open(tmp_path / JOURNAL)) as journal:
+        for round_ in range(8):
+            for zone in ("living", "bedroom"):
+                fill(journal, zone, 300, FIRST + 300 * round_ * STEP)
+            pruned(journal, Limits(FOREVER, limit), oldest_checkpoint=300 * round_ + 290)
+            assert journal.database.size() <= limit
+            assert sum(path.stat().st_size for path in tmp_path.glob(f"{JOURNAL}*")) <= limit
     assert (tmp_path / JOURNAL).stat().st_size <= limit
     with closing(Journal.open(tmp_path / JOURNAL)) as again:
         living, bedroom = (steps_of(again, zone)[1] for zone in ("living", "bedroom"))
-    assert living[-1] == bedroom[-1] == 7999
-    assert living == list(range(living[0], 8000)), "nothing is missing in the middle"
+    assert living[-1] == bedroom[-1] == 2399
+    assert living == list(range(living[0], 2400)), "nothing is missing in the middle"
     assert abs(living[0] - bedroom[0]) <= 500, "both gave the same"
-    assert 1000 < living[0] < 7990
+    assert 300 < living[0] < 2390
 
 
-def test_what_was_reset_goes_before_anything_else(journal: Journal) -> None:
-    fill(journal, "living", 2000)
+def test_what_was_reset_goes_before_anything_else_with_its_readings(journal: Journal) -> None:
+    fill(journal, "living", 1000)
+    journal.keep("living", [Reading("T_i", FIRST + k / 100, 20.0, Quality.GOOD) for k in range(10_000)])
     journal.forget("living")
-    fill(journal, "living", 2000)
-    before = journal.database.size()
-    pruned(journal, Limits(FOREVER, before - 100_000), oldest_checkpoint=1990)
-    assert steps_of(journal, "living")[0] == list(range(2000))
-    assert journal.database.size() < before - 100_000
-
-
-def test_readings_of_what_was_reset_go_too(journal: Journal) -> None:
-    for _ in range(3):
-        journal.append_all([("living", make_sample(0))])
-        readings = [Reading("T_i", FIRST + k / 100, 20.0, Quality.GOOD) for k in range(100_000)]
-        journal.keep("living", readings)
-        journal.forget("living")
-        journal.forgot("living")
-    fill(journal, "bedroom", 1000)
-    limit = 16_000_000
-    assert journal.database.size() > limit
-    pruned(journal, Limits(FOREVER, limit), oldest_checkpoint=990)
-    assert journal.database.size() < limit
-    assert steps_of(journal, "bedroom") == (list(range(1000)), list(range(1000))), "the others keep what they have"
-
-
-def test_a_limit_that_cannot_be_kept_ends_the_pruning(journal: Journal) -> None:
-    fill(journal, "living", 2000)
-    assert pruned(journal, Limits(FOREVER, 10_000), oldest_checkpoint=0) < 20
-    assert steps_of(journal, "living")[0] == list(range(1, 2000))
+    fill(journal, "living", 1000)
+    needed = journal.database.size() - 700_000
+    pruned(journal, Limits(FOREVER, needed), oldest_checkpoint=990)
+    assert steps_of(journal, "living")[0] == list(range(1000))
+    assert journal.database.size() < needed
 
 
 def test_appends_come_in_between_the_slices(either: Journal) -> None:
-    fill(either, "living", 5000)
-    for number, _ in enumerate(prune_old(either, lambda zone: FIRST + 4990 * STEP, 10 * STEP)):
-        assert either.append_all([("living", make_sample(5000 + number))])
+    fill(either, "living", 500)
+    for number, _ in enumerate(prune_old(either, lambda zone: FIRST + 490 * STEP, 10 * STEP)):
+        assert either.append_all([("living", make_sample(500 + number))])
         assert number < 40
-    assert number >= 5, "500 rows at once at most"
-    assert steps_of(either, "living")[0][-1] == 5000 + number
+    assert number >= 5, "50 rows at once at most"
+    assert steps_of(either, "living")[0][-1] == 500 + number
 
 
 def test_what_goes_for_its_age_goes_a_week_at_a_time_and_is_told(
     either: Journal, caplog: pytest.LogCaptureFixture
 ) -> None:
     """A clock that is wrong for a day must not cost the history of years."""
-    leap(either, "living", FIRST, 90, DAY // 2)
+    fill(either, "living", 90, FIRST, DAY // 2)
     left = []
     for _ in range(6):
         pruned(either, Limits(10.0 * DAY, FOREVER), oldest_checkpoint=10_000_000)
@@ -210,26 +174,20 @@ async def test_checkpoints_that_cannot_be_listed_keep_the_samples_of_their_zone_
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     store = Store(tmp_path)
-    newest = make_sample(99).time
     for zone in ("bedroom", "living"):
-        store.checkpoints.save(zone, Checkpoint("f", newest, {}, {}))
-    listing = {function: getattr(os, function) for function in ("listdir", "scandir")}
+        fill(store.journal, zone, 100)
+        store.checkpoints.save(zone, Checkpoint("f", FIRST + 99 * STEP, {}, {}))
+    listed = store.checkpoints.oldest
 
-    def refuse(function: str, path: str | Path) -> object:
-        if Path(path).name == "bedroom":
-            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), str(path))
-        return listing[function](path)
+    def oldest(zone: str) -> int | None:
+        if zone == "bedroom":
+            raise CheckpointError("the checkpoints in bedroom cannot be listed (too many open files)")
+        return listed(zone)
 
-    for function in listing:
-        monkeypatch.setattr(os, function, partial(refuse, function))
-    for zone in ("bedroom", "living"):
-        for step in range(100):
-            await store.append(zone, make_sample(step))
+    monkeypatch.setattr(store.checkpoints, "oldest", oldest)
     keeping = asyncio.create_task(store.keep_within(Limits(10.0 * STEP, FOREVER)))
-    async with asyncio.timeout(180):
-        while (await store.samples_after("living", None))[0].time < newest - 10 * STEP:
-            await asyncio.sleep(0.01)
+    await until(lambda: steps_of(store.journal, "living")[0][0] == 89)
     keeping.cancel()
-    assert [len(await store.samples_after(zone, None)) for zone in ("bedroom", "living")] == [100, 11]
+    assert steps_of(store.journal, "bedroom")[0] == list(range(100))
     store.close()
     assert "every sample of zone 'bedroom' stays in the journal: the checkpoints in" in caplog.text
