@@ -21,12 +21,11 @@ _UNHEARD = "this source is posted to, and only the running daemon hears that; lo
 
 
 class Received(NamedTuple):
-    """What a post brings: readings in the order of time; how many first counts of counters, which are no power yet;
-    and which of the posted values, by their places, some channel asks for."""
+    """What a post brings: readings in the order of time, and how many first counts of counters, which are no power
+    yet."""
 
     readings: list[Reading]
     begun: int
-    used: frozenset[int]
     counters: tuple[tuple[HttpChannel, _Count, float], ...]
     """Counters that have counted on, each with its last count before the post and the time of that after it."""
 
@@ -74,24 +73,22 @@ class HttpSource(Source):
         """The readings of what was posted at `now` (UTC s), for the channels of `zone` alone if one is given; such a
         post may leave the zone out of the names."""
         arrived = time.time() if now is None else now
-        found = [(place, watched) for place, one in enumerate(posted) for watched in self._meant(one, zone)]
+        found = [(one, watched) for one in posted for watched in self._meant(one, zone)]
         # Nobody has measured what is to come: the client's clock is ahead, for all that it posts together.
         latest = arrived + self._max_ahead
-        values = [posted[place] for place, _ in found if not isinstance(posted[place].value, Fault)]
+        values = [one for one, _ in found if not isinstance(one.value, Fault)]
         times = [one.time for one in values if one.time is not None and one.time <= latest]
         ahead = max(times, default=arrived) - arrived
         # Counters need their counts in the order of time.
-        found.sort(key=lambda pair: arrived if (when := posted[pair[0]].time) is None else when)
+        found.sort(key=lambda pair: arrived if pair[0].time is None else pair[0].time)
         counting = {id(watched): watched for _, watched in found if watched.edge.counter}.values()
         before = [watched.counted for watched in counting]
-        readings = [
-            watched.reading(_dated(posted[place], ahead, latest), arrived, self._max_ahead) for place, watched in found
-        ]
+        readings = [watched.reading(_dated(one, ahead, latest), arrived, self._max_ahead) for one, watched in found]
         counters = tuple((one, was, one.counted.until) for one, was in zip(counting, before, strict=True))
         if found:
             self._news.set()
         taken = [reading for reading in readings if reading is not None]
-        return Received(taken, len(readings) - len(taken), frozenset(place for place, _ in found), counters)
+        return Received(taken, len(readings) - len(taken), counters)
 
     def zones_of(self, posted: Posted, zone: str | None = None) -> set[str]:
         """The zones whose channels ask for a value."""

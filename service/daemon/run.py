@@ -116,7 +116,7 @@ class Daemon:
             sinks = (*opened, *self._serving.sinks)
             self._site = RunningSite(self._config, store, sinks, os.cpu_count() or 1, self._stopped)
             rest.push_async_callback(self._site.close)
-            await self._serve(self._site, store, opened)
+            await self._serve(self._site, store, opened, rest)
 
     async def reload(self) -> str:
         """Read the configuration again and go over to it; what was done. Raises ReloadRefused, and then nothing was."""
@@ -170,7 +170,8 @@ class Daemon:
         except Exception as error:
             _log.error("the configuration was not reloaded: %r", error, exc_info=_log.isEnabledFor(logging.DEBUG))
 
-    async def _serve(self, site: RunningSite, store: Store, opened: Sequence[Sink]) -> None:
+    async def _serve(self, site: RunningSite, store: Store, opened: Sequence[Sink], rest: AsyncExitStack) -> None:
+        """Everything from the listening socket to the end, which `rest` brings about in order."""
         loop, runtime, serving = asyncio.get_running_loop(), site.runtime, self._serving
         organs = (
             Organ("the journal", partial(store.run, int), JOURNAL_SECONDS),
@@ -184,42 +185,37 @@ class Daemon:
             reload=self.reload,
             take=Ingest(lambda: runtime.feeds, lambda: runtime.is_posted_to).take,
         )
+        rest.callback(server.close)
         site.metrics.register(http_measures(server, app))
         await answer_on_zenoh(opened, self._config, site.zones)
         stop = asyncio.create_task(self._stopping.wait())
-        watching = [
-            asyncio.create_task(watch_loop(site.metrics.observe_loop_delay)),
-            asyncio.create_task(vitals.run(partial(self._feed_watchdog, vitals))),
-        ]
-        try:
-            await runtime.declare()
-            if not await done_before(stop, asyncio.ensure_future(runtime.restore())):
-                return
-            runtime.start_zones()
-            try:
-                ended = await serving.start()
-                settling = asyncio.gather(*(asyncio.to_thread(sink.settle) for sink in opened))
-                if not await done_before(stop, settling):
-                    return
-                # What was made at the start stays; no collection need look through it.
-                gc.freeze()
-                await site.feed()
-                self._ready = f"serving on {server.url}"
-                self._notifier.ready(self._ready)
-                ends: list[asyncio.Future[Any]] = [stop, ended, runtime.broken]
-                await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
-                self._notifier.stopping()
-                if runtime.broken.done():
-                    runtime.broken.result()
-            finally:
-                await end(tuple(self._reloads))
-                for result in await asyncio.gather(site.stop(), serving.stop(), return_exceptions=True):
-                    if isinstance(result, BaseException):
-                        raise result
-        finally:
-            for task in (stop, *watching):
-                task.cancel()
-            server.close()
+        watching = (watch_loop(site.metrics.observe_loop_delay), vitals.run(partial(self._feed_watchdog, vitals)))
+        rest.push_async_callback(end, [stop, *map(asyncio.create_task, watching)])
+        await runtime.declare()
+        if not await done_before(stop, asyncio.ensure_future(runtime.restore())):
+            return
+        runtime.start_zones()
+        rest.push_async_callback(self._end, site)
+        ended = await serving.start()
+        settling = asyncio.gather(*(asyncio.to_thread(sink.settle) for sink in opened))
+        if not await done_before(stop, settling):
+            return
+        # What was made at the start stays; no collection need look through it.
+        gc.freeze()
+        await site.feed()
+        self._ready = f"serving on {server.url}"
+        self._notifier.ready(self._ready)
+        ends: list[asyncio.Future[Any]] = [stop, ended, runtime.broken]
+        await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+        self._notifier.stopping()
+        if runtime.broken.done():
+            runtime.broken.result()
+
+    async def _end(self, site: RunningSite) -> None:
+        await end(tuple(self._reloads))
+        for result in await asyncio.gather(site.stop(), self._serving.stop(), return_exceptions=True):
+            if isinstance(result, BaseException):
+                raise result
 
     def _feed_watchdog(self, vitals: Vitals) -> None:
         sweep_log()

@@ -1,4 +1,4 @@
-"""One task per source: its batches, split by zone, aligned and accepted; its failures retried. And the wall clock."""
+"""What each source brings, split by zone, aligned and accepted; its failures retried. And the wall clock."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import asyncio
 import logging
 import random
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass
 from math import inf, isfinite, nextafter
@@ -45,50 +45,86 @@ class Tally:
     """When it last delivered, UTC s."""
 
 
+async def persevere(
+    kind: str,
+    name: str,
+    attempt: Callable[[Callable[[bool], None]], Awaitable[None]],
+    failed: Callable[[str], Awaitable[None]],
+    pause: GrowingPause,
+) -> bool:
+    """Make `attempt` until it comes to its end, again after every failure; False if it is described wrongly.
+
+    `attempt` tells what it is given of everything that came, and whether that is progress, after which pauses are short
+    again. `failed` hears why an attempt failed. `name` is that of a table [`kind`s.`name`].
+    """
+    failing = False
+
+    def came(progress: bool) -> None:
+        nonlocal failing
+        if failing:
+            failing = False
+            _log.info("%s '%s' works again", kind, name)
+        if progress:
+            pause.reset()
+
+    while True:
+        try:
+            await attempt(came)
+            return True
+        except Exception as error:
+            # Whatever goes wrong in one source must not take the others down.
+            place = f"{kind}.{name}" if kind == "weather" else f"{kind}s.{name}"
+            reason = str(error) if isinstance(error, SourceError) else f"{place} failed: {error!r}"
+            _log.debug("%s", reason, exc_info=error)
+            hopeless = isinstance(error, SourceConfigError)
+        # Many daemons behind one switch must not all come back at the same moment.
+        wait = pause.seconds * random.uniform(0.5, 1.0)
+        _log.error("%s; %s", reason, "it stays off" if hopeless else f"trying again in {wait:.1f} s")
+        await failed(reason)
+        if hopeless:
+            return False
+        failing = True
+        await asyncio.sleep(wait)
+        pause.grow()
+
+
 async def feed(
     source: Source, router: Router, zones: Mapping[str, Zone], start: float | None, tally: Tally | None = None
 ) -> None:
-    """Deliver `source` to `zones` from UTC time `start` on until it ends, coming back for ever after failures; counted
-    in `tally`.
+    """Deliver `source` to `zones` from UTC time `start` on until it ends; counted in `tally`.
 
     What a source that is unavailable has delivered stays delivered: it is asked again from its own last clock on.
     """
-    pause, position, failed, tally = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE), start, False, tally or Tally()
-    while True:
-        try:
-            async with aclosing(source.batches(position)) as batches:  # type: ignore[type-var]
-                async for batch in batches:
-                    tally.readings += len(batch.readings)
-                    tally.delivers, tally.last = True, time.time()
-                    await _deliver(router.split(batch), zones)
-                    if failed:
-                        failed = False
-                        _log.info("source '%s' works again", source.name)
-                    if isfinite(batch.now):
-                        # Were it asked again, it is for what comes after this.
-                        position = nextafter(batch.now, inf)
-                        pause.reset()
-            break
-        except Exception as error:
-            # Whatever goes wrong in one source must not take the others down.
-            reason = str(error) if isinstance(error, SourceError) else f"sources.{source.name} failed: {error!r}"
-            _log.debug("%s", reason, exc_info=error)
-            tally.failures += 1
-            tally.delivers = False
-            if isinstance(error, SourceConfigError):
-                _log.error("%s; it stays off", reason)
-                await _tell(zones, router, source.name, reason)
-                return
-        # Many daemons behind one switch must not all come back at the same moment.
-        failed = True
-        wait = pause.seconds * random.uniform(0.5, 1.0)
-        _log.error("%s; trying again in %.1f s", reason, wait)
-        await _tell(zones, router, source.name, reason)
-        await asyncio.sleep(wait)
-        pause.grow()
-    for taker in _takers(zones, router):
-        await taker.end(source.name)
-    _log.info("source '%s' has come to its end; the zones keep their last forecasts", source.name)
+    tally, position = tally or Tally(), start
+
+    def takers() -> Iterator[Zone]:
+        # One after the other: a reload may take one away meanwhile.
+        for name in router.zones:
+            if (taker := zones.get(name)) is not None:
+                yield taker
+
+    async def deliver(came: Callable[[bool], None]) -> None:
+        nonlocal position
+        async with aclosing(source.batches(position)) as batches:  # type: ignore[type-var]
+            async for batch in batches:
+                tally.readings += len(batch.readings)
+                tally.delivers, tally.last = True, time.time()
+                await _deliver(router.split(batch), zones)
+                came(isfinite(batch.now))
+                if isfinite(batch.now):
+                    # Were it asked again, it is for what comes after this.
+                    position = nextafter(batch.now, inf)
+
+    async def failed(reason: str) -> None:
+        tally.failures += 1
+        tally.delivers = False
+        for taker in takers():
+            await taker.source_failed(source.name, reason)
+
+    if await persevere("source", source.name, deliver, failed, GrowingPause(FIRST_PAUSE, LONGEST_PAUSE)):
+        for taker in takers():
+            await taker.end(source.name)
+        _log.info("source '%s' has come to its end; the zones keep their last forecasts", source.name)
 
 
 async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Zone]) -> None:
@@ -104,18 +140,6 @@ async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Zone]) ->
         for result in await asyncio.gather(*delivering, return_exceptions=True):
             if isinstance(result, BaseException):
                 raise result
-
-
-async def _tell(zones: Mapping[str, Zone], router: Router, source: str, reason: str) -> None:
-    for taker in _takers(zones, router):
-        await taker.source_failed(source, reason)
-
-
-def _takers(zones: Mapping[str, Zone], router: Router) -> Iterator[Zone]:
-    """Those that take from a source, one after the other: a reload may take one away meanwhile."""
-    for name in router.zones:
-        if (taker := zones.get(name)) is not None:
-            yield taker
 
 
 async def keep_time(zones: Mapping[str, Zone]) -> None:

@@ -6,7 +6,6 @@ import asyncio
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from math import inf
-from typing import NamedTuple
 
 from adapters.http.posted import Posted
 from adapters.http.source import HttpSource
@@ -18,30 +17,7 @@ from service.daemon.tasks import end
 from service.records.receipt import NOTHING, Receipt
 from service.zone.zone import Zone
 
-
-class Handed(NamedTuple):
-    """What became of a post at one source, and which of its values, by their places, some channel asks for."""
-
-    receipt: Receipt
-    used: frozenset[int]
-
-    def plus(self, other: Handed) -> Handed:
-        """Both together."""
-        return Handed(self.receipt.plus(other.receipt), self.used | other.used)
-
-    def told(self, posted: Sequence[Posted]) -> Receipt:
-        """The answer to who has `posted` this: with what no channel asks for."""
-        unknown = [one for place, one in enumerate(posted) if place not in self.used]
-        names = dict.fromkeys(one.shown for one in unknown[:_LOOKED_AT])
-        return replace(self.receipt, unknown=len(unknown), unknown_names=tuple(names)[:_SHOWN])
-
-
-NOTHING_HANDED = Handed(NOTHING, frozenset())
 NO_SOURCE = 'no zone has a source that is posted to; add one with kind = "http", and channels that name it'
-
-_SHOWN = 5
-_LOOKED_AT = 1000
-"""Values that nobody asks for among which names to show are looked for."""
 
 
 class Feed:
@@ -74,7 +50,11 @@ class Feed:
         """Whether clients hand its readings over (`receive`)."""
         return isinstance(self.source, HttpSource)
 
-    async def receive(self, posted: Sequence[Posted], zone: str | None) -> Handed:
+    def asks_for(self, posted: Posted, zone: str | None) -> bool:
+        """Whether some channel, of `zone` if one is given, asks for a value that was posted."""
+        return isinstance(self.source, HttpSource) and bool(self.source.zones_of(posted, zone))
+
+    async def receive(self, posted: Sequence[Posted], zone: str | None) -> Receipt:
         """Hand what was posted to the zones, or to `zone` alone; what is accepted is durable on return. Raises
         ServiceError; whoever posts the same again gets the same."""
         assert isinstance(self.source, HttpSource)
@@ -96,7 +76,7 @@ class Feed:
                 receipt = receipt.plus(result)
         if failed:
             raise failed[0]
-        return Handed(receipt, received.used)
+        return receipt
 
     @property
     def over(self) -> bool:

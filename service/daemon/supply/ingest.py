@@ -6,17 +6,20 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from http import HTTPStatus
 
 from adapters.http.posted import Posted
 from adapters.watched import Seldom
-from service.daemon.supply.feeds import NO_SOURCE, NOTHING_HANDED, Feed, Handed
-from service.records.receipt import Receipt
+from service.daemon.supply.feeds import NO_SOURCE, Feed
+from service.records.receipt import NOTHING, Receipt
 from service.web.readings import RETRY_SECONDS
 from service.web.server.refusal import RequestRefused
 
 TOGETHER = 1000
 """Values that are handed to the zones in one turn of the event loop: some ms of it."""
+
+_SHOWN = 5
 
 _log = logging.getLogger(__name__)
 
@@ -38,27 +41,32 @@ class Ingest:
             raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], retry_after=RETRY_SECONDS)
         if not feeds:
             raise RequestRefused(HTTPStatus.CONFLICT, [NO_SOURCE])
-        receipt = (await hand(feeds, posted, zone)).told(posted)
+        receipt = await hand(feeds, posted, zone)
         if receipt.unknown and self._seldom("unknown"):
             count, such = receipt.unknown, receipt.unknown_names[0]
             _log.info("no channel asks for %d of %d posted values, such as %s", count, len(posted), such)
         return receipt
 
 
-async def hand(feeds: Iterable[Feed], posted: Sequence[Posted], zone: str | None) -> Handed:
+async def hand(feeds: Iterable[Feed], posted: Sequence[Posted], zone: str | None) -> Receipt:
     """What became of `posted` at those of `feeds` that are posted to, all of them together. Raises ServiceError.
 
     Values go in the order of their times, TOGETHER in a turn of the event loop. Where one turn fails, those before it
     stay accepted: who posts again is told that they are known.
     """
     feeds = [feed for feed in feeds if feed.is_posted_to]
-    found, now = NOTHING_HANDED, time.time()
-    order = sorted(range(len(posted)), key=lambda place: now if (when := posted[place].time) is None else when)
-    for first in range(0, len(order), TOGETHER):
-        places = order[first : first + TOGETHER]
-        part = [posted[place] for place in places]
+    receipt, unknown, now = NOTHING, list[Posted](), time.time()
+    ordered = sorted(posted, key=lambda one: now if one.time is None else one.time)
+    for first in range(0, len(ordered), TOGETHER):
+        part = ordered[first : first + TOGETHER]
         for feed in feeds:
-            handed = await feed.receive(part, zone)
-            found = found.plus(handed._replace(used=frozenset(places[place] for place in handed.used)))
+            receipt = receipt.plus(await feed.receive(part, zone))
+        unknown += [one for one in part if not any(feed.asks_for(one, zone) for feed in feeds)]
         await asyncio.sleep(0)
-    return found
+    return with_unknown(receipt, unknown)
+
+
+def with_unknown(receipt: Receipt, unknown: Sequence[Posted]) -> Receipt:
+    """`receipt` with the values that no channel asks for, and what some of them are called."""
+    names = dict.fromkeys(one.shown for one in unknown[:TOGETHER])
+    return replace(receipt, unknown=len(unknown), unknown_names=tuple(names)[:_SHOWN])

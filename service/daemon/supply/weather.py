@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import logging
-import random
+from collections.abc import Callable
 
-from adapters.errors import SourceError
 from adapters.weather.forecast import WeatherSource
 from service.config.site import Config
+from service.daemon.supply.feeding import persevere
 from service.daemon.tasks import end
 from service.pauses import GrowingPause
 from service.records.outlook import WeatherBook
 
 FIRST_PAUSE = 5.0
 LONGEST_PAUSE = 600.0
-
-_log = logging.getLogger(__name__)
 
 
 class WeatherFeeds:
@@ -45,27 +42,15 @@ class WeatherFeeds:
         await end(tasks)
 
     async def _feed(self, source: WeatherSource) -> None:
-        pause, failed = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE), False
+        async def take(came: Callable[[bool], None]) -> None:
+            async for forecast in source.forecasts():
+                self._book.put(source.name, forecast)
+                came(True)
+
+        async def failed(reason: str) -> None:
+            """Without a forecast of the weather the zones go on by yesterday's shape."""
+
         try:
-            while True:
-                try:
-                    async for forecast in source.forecasts():
-                        self._book.put(source.name, forecast)
-                        if failed:
-                            failed = False
-                            _log.info("weather '%s' works again", source.name)
-                        pause.reset()
-                    return
-                except SourceError as error:
-                    reason = str(error)
-                except Exception as error:
-                    # Without a forecast of the weather the zones go on by yesterday's shape.
-                    reason = f"weather.{source.name} failed: {error!r}"
-                    _log.debug("%s", reason, exc_info=error)
-                failed = True
-                wait = pause.seconds * random.uniform(0.5, 1.0)
-                _log.error("%s; trying again in %.0f s", reason, wait)
-                await asyncio.sleep(wait)
-                pause.grow()
+            await persevere("weather", source.name, take, failed, GrowingPause(FIRST_PAUSE, LONGEST_PAUSE))
         finally:
             await source.close()

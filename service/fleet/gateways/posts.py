@@ -9,10 +9,11 @@ from http import HTTPStatus
 from adapters.http.posted import Posted
 from adapters.http.source import HttpSource
 from service.config.site import Config
-from service.daemon.supply.feeds import NO_SOURCE, NOTHING_HANDED, Handed
+from service.daemon.supply.feeds import NO_SOURCE
+from service.daemon.supply.ingest import with_unknown
 from service.errors import ServiceError
 from service.fleet.peers import Peer
-from service.records.receipt import Receipt
+from service.records.receipt import NOTHING, Receipt
 from service.web.readings import RETRY_SECONDS
 from service.web.server.refusal import RequestRefused
 
@@ -40,18 +41,20 @@ class Posts:
         again."""
         if not self._sources:
             raise RequestRefused(HTTPStatus.CONFLICT, [NO_SOURCE])
-        expected: dict[Peer, set[str]] = {}
+        expected, unknown = dict[Peer, set[str]](), list[Posted]()
         for one in posted:
-            for source in self._sources:
-                for asking in source.zones_of(one, zone):
-                    expected.setdefault(self._shards[asking], set()).add(asking)
+            asking = set[str]().union(*(source.zones_of(one, zone) for source in self._sources))
+            for name in asking:
+                expected.setdefault(self._shards[name], set()).add(name)
+            if not asking:
+                unknown.append(one)
         asked = (shard.ask("take", posted, zone, zones, timeout=TAKE_SECONDS) for shard, zones in expected.items())
-        results: list[Handed | BaseException] = await asyncio.gather(*asked, return_exceptions=True)
-        found = NOTHING_HANDED
+        results: list[Receipt | BaseException] = await asyncio.gather(*asked, return_exceptions=True)
+        found = NOTHING
         for result in results:
             if isinstance(result, ServiceError):
                 raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [str(result)], retry_after=RETRY_SECONDS)
             if isinstance(result, BaseException):
                 raise result
             found = found.plus(result)
-        return found.told(posted)
+        return with_unknown(found, unknown)

@@ -16,7 +16,7 @@ from service.config.fitting import fingerprint
 from service.config.site import Config
 from service.daemon.composition import RunningSite, answer_on_zenoh, open_sinks
 from service.daemon.logs import configure_logging
-from service.daemon.supply.feeds import Handed, narrowed
+from service.daemon.supply.feeds import narrowed
 from service.daemon.supply.ingest import hand
 from service.daemon.tasks import end
 from service.errors import Away, Fenced, StateMismatch
@@ -30,6 +30,7 @@ from service.fleet.shards.leasing import Leased, LeasedSink, take_lease
 from service.fleet.shards.outbox import Outbox
 from service.publish.sinks import Sink
 from service.records.asker import Asker, asked_by
+from service.records.receipt import Receipt
 
 _DAY = 86_400
 _PASSED = "SELECT count(*) FROM samples WHERE zone = ? AND time > ? AND skipped LIKE '% processes ended %'"
@@ -68,17 +69,17 @@ class Shard(Member):
             _log.info("%s runs %d zones by plan %d", self.name, len(self._work.zones), plan.version)
         return self._work.waiting
 
-    async def take(self, posted: Sequence[Posted], zone: str | None, expected: Collection[str]) -> Handed:
+    async def take(self, posted: Sequence[Posted], zone: str | None, expected: Collection[str]) -> Receipt:
         """Take what clients posted for the zones `expected`; durable on return. Raises ServiceError: then all of it may
         be posted again, and counts as repeated where it was taken."""
         work, version = self._working(), self.version
         _have(work.zones, expected)
-        handed = await hand(work.runtime.feeds, posted, zone)
+        receipt = await hand(work.runtime.feeds, posted, zone)
         # A zone that left meanwhile has taken nothing, and nobody was told.
         _have(work.zones, expected)
         if self.adopting or version != self.version:
             raise Away(f"{self.name} is going over to another plan; post the readings again")
-        return handed
+        return receipt
 
     async def news(self, boot: str, since: int) -> News:
         """What the zones have announced since."""

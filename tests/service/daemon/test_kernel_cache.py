@@ -43,32 +43,26 @@ def files(tmp_path: Path, ending: str) -> list[Path]:
     return sorted((tmp_path / "cache").rglob(f"*.{ending}"))
 
 
-def test_a_sound_cache_is_used(kernel: Callable[[], Any], caplog: pytest.LogCaptureFixture) -> None:
+def test_a_sound_cache_is_used_whoever_wrote_it(
+    kernel: Callable[[], Any], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     caplog.set_level("INFO")
     assert kernel()(1) == 2
     assert [record.message.partition(",")[0] for record in caplog.records] == ["compiling the estimators"]
     caplog.clear()
-    again = kernel()
-    assert again(1) == 2
-    assert sum(again.stats.cache_hits.values()) == 1
+    (data,) = files(tmp_path, "nbc")
+    for content in (data.read_bytes(), data.read_bytes().rpartition(kernel_cache._MARK)[0]):
+        # Numba by itself writes no mark.
+        data.write_bytes(content)
+        again = kernel()
+        assert again(1) == 2
+        assert sum(again.stats.cache_hits.values()) == 1
     assert not caplog.records
 
 
-def test_what_numba_wrote_without_the_guard_is_used(kernel: Callable[[], Any], tmp_path: Path) -> None:
-    assert kernel()(1) == 2
-    (data,) = files(tmp_path, "nbc")
-    data.write_bytes(data.read_bytes().rpartition(kernel_cache._MARK)[0])
-    again = kernel()
-    assert again(1) == 2
-    assert sum(again.stats.cache_hits.values()) == 1
-
-
 DAMAGE: dict[str, Callable[[bytes], bytes]] = {
-    "empty": lambda content: b"",
     "truncated": lambda content: content[: len(content) // 2],
-    "without its last byte": lambda content: content[:-1],
     "a bit": lambda content: content[:300] + bytes([content[300] ^ 1]) + content[301:],
-    "something else": lambda content: b"\x00" * 500,
 }
 
 
@@ -82,7 +76,7 @@ def test_a_damaged_cache_is_set_aside_and_compiled_anew(
         path.write_bytes(DAMAGE[damage](path.read_bytes()))
     again = kernel()
     assert again(1) == 2
-    if ending == "nbc" or damage in ("empty", "truncated"):
+    if ending == "nbc" or damage == "truncated":
         (sentence,) = caplog.messages
         assert "damaged" in sentence
         assert str(tmp_path / "cache") in sentence

@@ -52,9 +52,7 @@ async def fail_later(*arguments: object, **named: object) -> None:
 STEPS: dict[str, list[tuple[type, str]]] = {
     "the second sink": [],
     "the zones are taken": [(PostgresStore, "claim")],
-    "the zones are declared": [(Runtime, "declare")],
     "the zones are restored": [(Runtime, "restore")],
-    "the sources begin": [(Runtime, "start_feeds")],
     "the zones are stopped as well": [(Runtime, "start_feeds"), (Runtime, "drain")],
 }
 """What fails at each step; the sink is no class of its own."""
