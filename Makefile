@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
 FUZZ_TIMES ?= 100
 
-.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant addon image image-test arm64 overload soak audit fuzz attack screenshots golden lock release clean help
+.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet home-assistant addon image image-test arm64 soak audit fuzz attack screenshots golden lock release clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -49,16 +49,6 @@ experiments: $(VENV)/.ready  ## the paper's experiments in full, with the built-
 	for name in semi-synthetic ecolar topology sensitivity; do \
 	  $(BIN)/thermogate experiment $$name --out var/experiments/$$name || exit 1; \
 	done
-
-load-modbus: $(VENV)/.ready  ## 50 Modbus devices x 100 registers polled each second for 10 minutes: misses, processor, memory
-	$(BIN)/python tests/integration/loads.py modbus --seconds 600
-
-load-mqtt: $(VENV)/.ready  ## 200 MQTT topics at 10 Hz for 10 minutes on a real broker: misses, processor, memory
-	$(BIN)/python tests/integration/loads.py mqtt --seconds 600
-
-load-bacnet: $(VENV)/.ready  ## 20 BACnet devices x 50 points each 10 s for 10 minutes, subscribed and polled: misses, processor, memory
-	$(BIN)/python tests/integration/loads.py bacnet --seconds 600
-	$(BIN)/python tests/integration/loads.py bacnet --seconds 600 --polled
 
 golden: $(VENV)/.ready  ## tests/golden written anew: every payload and file as it now is; look at the difference before you commit it
 	THERMOGATE_GOLDEN=write $(BIN)/python -m pytest --quiet tests/test_golden.py tests/test_reference.py tests/adapters/test_kinds.py tests/service/config/test_mistakes.py tests/service/cli/test_commands.py
@@ -110,11 +100,8 @@ var/release/tools:
 audit:  ## every pinned dependency against the database of known vulnerabilities
 	$(PYTHON) .ci/audit constraints.txt
 
-overload: $(VENV)/.ready  ## ten times the configured rate of readings for 10 minutes, and samples ten times faster than they are taken
-	$(BIN)/python tests/integration/soak.py overload --out var/overload.json
-
 soak: $(VENV)/.ready  ## 96 simulated hours of the real daemon with restless clients and faults: memory, descriptors, disk; SOAK='--hours 720' changes it
-	$(BIN)/python tests/integration/soak.py soak --out var/soak.json $(SOAK)
+	$(BIN)/python tests/integration/soak.py --out var/soak.json $(SOAK)
 
 attack: $(VENV)/.ready  ## every known attack on a live daemon, and a table of what each cost; seven minutes
 	$(BIN)/python tests/attack/run.py

@@ -131,7 +131,7 @@ def test_the_daemon_gets_on_with_the_system_calls_that_it_is_left(tmp_path: Path
     # be fast as well takes the compiler a minute, and no other system call.
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache"), "NUMBA_OPT": "0"}
     environment.pop("NUMBA_CACHE_DIR", None)
-    settings = {"site.state_dir": str(tmp_path / "state"), "zones.room-1.estimator_options.particles": 50}
+    settings = {"site.state_dir": str(tmp_path / "state"), "zones.room-1.estimator": "ekf"}
     settings |= {"http.port": 0, "zenoh.listen": [f"tcp/127.0.0.1:{free_port()}"]}
     command = filtered(calls, THERMOGATE, "run", EXAMPLES / "generic-csv.toml", *overrides(settings))
     with Program(command, tmp_path / "log", env=environment) as daemon:

@@ -1,12 +1,9 @@
-"""Simulated days of the real daemon with restless clients and faults, and ten times what it was set up for.
+"""Simulated days of the real daemon with restless clients and faults.
 
-    python tests/integration/soak.py soak --hours 96
-    python tests/integration/soak.py overload --seconds 600
+    python tests/integration/soak.py --hours 96
 
-`soak`: streams come, go and stop reading; Zenoh sessions come and go; REST clients ask; devices fail; SIGHUP reloads.
-What the daemon holds is judged by slopes per simulated day after a warm-up. `overload`: the devices are polled ten
-times as often as configured, and memory must stay level; then a recording brings samples more than ten times faster
-than the estimator takes them: every sample must be used, in order, and REST must answer.
+Streams come, go and stop reading; Zenoh sessions come and go; REST clients ask; devices fail; SIGHUP reloads. What the
+daemon holds is judged by slopes per simulated day after a warm-up.
 """
 
 from __future__ import annotations
@@ -20,10 +17,9 @@ import sys
 import time
 from collections import Counter
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
@@ -31,12 +27,11 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import httpx
 import numpy as np
 import zenoh
-from bench.daemons import Campus, names, written
 from integration.command import command
 from scipy.stats import theilslopes
 from support.bms_process import Bms
 from support.harness import Daemon
-from support.observed import Observation, clients, latency, observe, resident_bytes
+from support.observed import Observation, clients, observe
 from support.zenoh_plant import endpoint, open_session
 
 FAULTS = ("freeze", "nan", "drift", "swapped-words", "slow", "silent", "drop", "window")
@@ -49,12 +44,6 @@ SMALL = [(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)]
 WARM_UP = 1 / 2
 """Part of the soak that is not judged: caches, pools and buffers fill."""
 BY_DAY, BY_SAMPLES = "simulated day", "1,000 accepted samples"
-
-FACTOR = 10.0
-MOST_GROWTH_MB = 10.0
-"""What memory may grow by from the first third of an overload to its end."""
-POLL = 0.2
-"""s between two polls in the configuration of the simulated building at the pace of a soak."""
 
 
 class Limit(NamedTuple):
@@ -131,14 +120,8 @@ def soak(
     *,
     particles: int = 3000,
     every: float = 2.0,
-    polls: float | None = None,
-    faults: bool = True,
 ) -> Soaked:
-    """Run the daemon on a building of `zones` rooms for `hours` of simulated time, and look at it `every` real s.
-
-    `polls`: s from one look at the building's devices to the next, ten per sample otherwise; `faults`: whether devices
-    fail now and then.
-    """
+    """Run the daemon on a building of `zones` rooms for `hours` of simulated time, and look at it `every` real s."""
     with TemporaryDirectory(prefix="thermogate-soak-") as name:
         folder, place = Path(name), endpoint()
         settings: dict[str, object] = {
@@ -148,14 +131,11 @@ def soak(
             "site.checkpoint_every": "20s",
             **{f"zones.{index}.estimator_options.particles": particles for index in range(zones)},
         }
-        if polls is not None:
-            devices = ["weather", *(f"room{number}" for number in range(1, zones + 1))]
-            settings |= {f"sources.{device}.poll": polls for device in devices}
         config = folder / "soak.toml"
         options = ("--zones", zones, "--pace", pace, "--seed", seed, "--zenoh", "off", "--write-config", config)
         with Bms(*options) as bms, Daemon(config, folder / "daemon.log", settings) as daemon:
             rooms = [*daemon.wait(lambda zones: all(zone["samples"] for zone in zones.values()))]
-            company = Company(daemon, bms.control if faults else None, place, rooms, seed)
+            company = Company(daemon, bms.control, place, rooms, seed)
             with clients(daemon.url(), rooms, 2, 0.2) as finish:
                 seconds, state = hours * 3600.0 / pace, folder / "state"
                 observations = asyncio.run(_watched(daemon, state, seconds, every, company))
@@ -184,10 +164,10 @@ async def _watched(daemon: Daemon, state: Path, seconds: float, every: float, co
 class Company:
     """Restless clients of one daemon; `keep` runs them until it is cancelled, `count` has how much they did.
 
-    `control` is the plant's surface, at which faults are switched on; None: there are none.
+    `control` is the plant's surface, at which faults are switched on.
     """
 
-    def __init__(self, daemon: Daemon, control: str | None, place: str, zones: list[str], seed: int) -> None:
+    def __init__(self, daemon: Daemon, control: str, place: str, zones: list[str], seed: int) -> None:
         self.count = Counter(streams=0, events=0, messages=0, faults=0, reloads=0)
         self._daemon, self._control, self._place, self._zones = daemon, control, place, zones
         self._choose = random.Random(seed)
@@ -195,10 +175,8 @@ class Company:
     async def keep(self) -> None:
         """Everything at once; for ever."""
         async with asyncio.TaskGroup() as tasks:
-            for work in (*[self._stream] * 6, self._listen, self._reload):
+            for work in (*[self._stream] * 6, self._listen, self._reload, self._break):
                 tasks.create_task(work())
-            if self._control is not None:
-                tasks.create_task(self._break(self._control))
 
     async def _pause(self, least: float, most: float) -> None:
         await asyncio.sleep(self._choose.uniform(least, most))
@@ -237,9 +215,9 @@ class Company:
             await asyncio.to_thread(session.close)
             await self._pause(0.5, 5.0)
 
-    async def _break(self, control: str) -> None:
+    async def _break(self) -> None:
         """Switch a fault on for some s, now and then."""
-        async with httpx.AsyncClient(base_url=control, timeout=30.0) as client:
+        async with httpx.AsyncClient(base_url=self._control, timeout=30.0) as client:
             while True:
                 await self._pause(1.0, 8.0)
                 kind = self._choose.choice(FAULTS)
@@ -256,85 +234,5 @@ class Company:
             self.count["reloads"] += 1
 
 
-@dataclass(frozen=True)
-class Overloaded:
-    """What became of readings at ten times the rate, and of samples offered `factor` times too fast."""
-
-    readings: dict[str, float]
-    samples: dict[str, Any]
-
-    @property
-    def good(self) -> bool:
-        """Whether nothing was lost and memory stayed level."""
-        lost = self.readings["not_answered"] + self.samples["lost"] + self.samples["out_of_order"]
-        level = max(self.readings["growth_mb"], self.samples["growth_mb"]) < MOST_GROWTH_MB
-        return bool(level and not lost and self.readings["samples"] >= 0.9 * self.readings["expected_samples"])
-
-    def lines(self) -> list[str]:
-        """For a person."""
-        return [f"readings at {FACTOR:g} times the rate: {self.readings}", f"samples: {self.samples}"]
-
-
-def overload(seconds: float = 600.0, samples: int = 20_000) -> Overloaded:
-    """Poll for so many seconds, and offer so many samples."""
-    return Overloaded(polled(seconds), offered(samples))
-
-
-def polled(seconds: float, particles: int = 3000) -> dict[str, float]:
-    """The simulated building polled FACTOR times as often as configured."""
-    every, pace, zones = max(0.5, seconds / 300.0), 600.0, 4
-    hours = seconds * pace / 3600.0
-    found = soak(hours, pace, zones, particles=particles, every=every, polls=POLL / FACTOR, faults=False)
-    first, last = found.observations[len(found.observations) // 3], found.observations[-1]
-    return {
-        "samples": last.samples,
-        "expected_samples": int(seconds) * zones,
-        "overruns": last.overruns,
-        "not_answered": found.company["not_answered"],
-        "growth_mb": last.resident_mb - first.resident_mb,
-    }
-
-
-def offered(count: int, particles: int = 20_000, every: float = 0.001) -> dict[str, Any]:
-    """`count` samples, one each `every` s, for one zone; what became of them."""
-    (zone,) = names(1)
-    with TemporaryDirectory(prefix="thermogate-overload-") as name:
-        config = written(Campus(1, particles, count, every), Path(name))
-        with Daemon(config, Path(name) / "daemon.log") as daemon:
-            memory: list[int] = []
-            daemon.wait(lambda zones: zones[zone]["samples"])
-            with clients(daemon.url(), [zone], 2, 0.05) as finish:
-                # While the clients came up, the first samples were taken.
-                began, before = time.monotonic(), daemon.status(zone)["samples"]
-                while "come to an end" not in (status := daemon.status(zone))["reason"]:
-                    assert time.monotonic() < began + 60.0 + count, status
-                    memory.append(resident_bytes(daemon.process.pid))
-                    time.sleep(0.1)
-                took, answers = time.monotonic() - began, finish()
-            rows = daemon.history(zone)
-            assert daemon.terminate() == 0, daemon.log()
-    return {
-        "factor": factor(count - before, took, every),
-        "seconds": took,
-        "samples": count,
-        "lost": count - len({row["time"] for row in rows}),
-        "out_of_order": sum(a["time"] >= b["time"] for a, b in pairwise(rows)),
-        "overruns": status["overruns"],
-        "rest": latency(answers),
-        "growth_mb": (memory[-1] - memory[len(memory) // 3]) / 1e6,
-    }
-
-
-def factor(taken: int, seconds: float, every: float) -> float:
-    """How many times more samples were offered, one each `every` s, than were `taken` within `seconds`."""
-    return seconds / every / max(taken, 1)
-
-
-PROGRAMS: dict[str, tuple[Any, dict[str, float]]] = {
-    "soak": (soak, {"hours": 96.0, "pace": 600.0, "zones": 4, "seed": 1}),
-    "overload": (overload, {"seconds": 600.0, "samples": 20_000}),
-}
-
 if __name__ == "__main__":
-    program, defaults = PROGRAMS[sys.argv.pop(1)]
-    sys.exit(command("a daemon under load for long, and under too much", program, **defaults))
+    sys.exit(command("a daemon under load for long", soak, hours=96.0, pace=600.0, zones=4, seed=1))

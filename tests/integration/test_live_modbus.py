@@ -1,4 +1,4 @@
-"""The daemon on live Modbus: forecasts, a sensor that goes stale, a device that goes away and comes back, a probe."""
+"""The daemon on live Modbus: forecasts, a sensor that goes stale, a device that goes away and comes back."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from support.harness import Daemon, thermogate
+from support.harness import Daemon
 from support.modbus_plant import WORDS, configuration, plant, running
 from support.waiting import wait_until
 from support.zenoh_plant import endpoint, session
@@ -69,30 +69,3 @@ def test_a_refused_register_shows_as_stale_and_held_while_the_forecasts_go_on(tm
         assert site.codes == {3}, "of all the frames that the daemon sent"
         assert f"the device refuses {ZONE}/T_out (unit 1 holding 1): exception 2" in daemon.log()
         assert "Traceback" not in daemon.log()
-
-
-def test_a_probe_prints_a_table_and_fails_where_something_is_wrong(tmp_path: Path) -> None:
-    with running(plant(holding=WORDS)) as site:
-        config = configuration(tmp_path, {"bms": site.port})
-        done = thermogate("probe", config)
-        assert (done.returncode, done.stderr) == (0, "")
-        title, header, *rows = done.stdout.splitlines()
-        assert title == f"source bms: tcp 127.0.0.1:{site.port}, polled every 0.2s"
-        assert header.split() == ["channel", "where", "raw", "value", "unit", "age", "verdict"]
-        assert rows[0].startswith(f"{ZONE}/T_i")
-        assert "unit 1 holding 0 int16   0x00d7  21.5   degC" in rows[0]
-        assert all(row.endswith(" s  good") for row in rows)
-
-        site.registers[1, "holding"][0] = 0xD700
-        wrong = thermogate("probe", config, "--source", "bms")
-        assert site.codes <= {3, 4}, "a probe only reads, also where it looks for the register that was meant"
-        assert wrong.returncode == 1
-        assert "implausible: not within -60 to 80\n    BADC would be 21.5, which is plausible" in wrong.stdout
-    gone = thermogate("probe", config)
-    assert (gone.returncode, gone.stdout) == (1, "")
-    assert gone.stderr.startswith(f"thermogate: sources.bms: no connection to 127.0.0.1:{site.port}; check")
-    assert len(gone.stderr.splitlines()) == 1
-    live = thermogate("replay", config, "--out", tmp_path / "out")
-    assert live.returncode == 1
-    sentence = "thermogate: sources.bms is live (modbus), and only recorded sources can be replayed;"
-    assert live.stderr.startswith(sentence)
