@@ -11,7 +11,7 @@ FUZZ_TIMES ?= 100
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
 
-run: $(VENV)/.ready  ## a living building read over Modbus by the daemon: forecasts on REST and Zenoh, a live page
+run: $(VENV)/.kernels  ## a living building and the daemon beside it: forecasts on REST and Zenoh, a live page
 	$(BIN)/thermogate demo
 
 test:  ## lint, types and every test
@@ -23,8 +23,12 @@ lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-kernels: $(VENV)/.ready  # once and beside lint: the first processes of the tests would each compile them for themselves
-	$(BIN)/thermogate replay deploy/examples/generic-csv.toml --out var/kernels >/dev/null
+kernels: $(VENV)/.kernels  # once and beside lint: the first processes of the tests would each compile them for themselves
+
+$(VENV)/.kernels: $(VENV)/.ready $(shell find estimator -name '*.py')
+	@echo "compiling the estimators, once: about a minute"
+	@$(BIN)/thermogate replay deploy/examples/generic-csv.toml --out var/kernels >/dev/null
+	@touch $@
 
 unit: $(VENV)/.ready
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder

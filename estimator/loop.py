@@ -49,6 +49,10 @@ start anew (a sensor was moved, a room was re-fitted); parameters and volatility
 ISSUED_DRAWS = 200
 """Draws that a forecast is made of which is verified as it was issued: a sample of those of the published one."""
 
+_SELDOM, _LAST_WEEKS = 7, 35 * 86400
+"""h between live forecasts in a long history, no divisor of a day, so that they are made at every hour of it; and s at
+its end in which they are made every hour, for their record reaches back 30 days."""
+
 _DAY = 86400
 
 UNUSABLE_SD = 10.0
@@ -141,6 +145,9 @@ class Loop:
         experiments that score one step and parameters. Of the estimators only regressions learn from verified errors.
         """
         self.estimator = estimator
+        self.history_end = -math.inf
+        """UTC s up to which samples are history that nobody lives through. Live forecasts, which cost more than all
+        else, are then made seldom before its last weeks: what they prove is forgotten within these."""
         self.verification = Verification(estimator)
         self.as_issued = AsIssued(estimator)
         self.live = LiveForecasts(estimator, seed, to_come)
@@ -301,12 +308,13 @@ class Loop:
             rows = foreseeing(steps)
             return rows, self.with_heat_of_yesterday(carried, time + period, rows)
 
-        live = self.live.advanced(live, carried.standing.state, known, inputs, time + period, ahead)
+        issues = self._issues(time + period)
+        live = self.live.advanced(live, carried.standing.state, known, inputs, time + period, ahead if issues else None)
         return carried._replace(thermostat=known, live=live)
 
     def _issued(self, carried: Carried, time: int) -> Carried:
         """`carried` to the sample after the one at `time` [UTC s], with the forecast that a client without a plan would
-        get now, once an hour."""
+        get now, where one is issued."""
         standing, live = carried.standing, carried.live
         assert standing is not None
 
@@ -318,10 +326,15 @@ class Loop:
             fan = self.estimator.unfold(self.estimator.issue(standing.state, ISSUED_DRAWS), rows)
             return [fan.at(lead - 1) for lead in leads]
 
-        start = time + self.estimator.period
-        now = issued_at(start, self.estimator.period, self._seed)
+        now = self._issues(time + int(self.estimator.period))
         issued = self.as_issued.predict(standing.issued, futures if now else None)
         return carried._replace(standing=standing._replace(issued=issued))
+
+    def _issues(self, time: int) -> bool:
+        """Whether live forecasts from a state at `time` [UTC s] are made and verified: every hour, and seldom in a long
+        history."""
+        seldom = time < self.history_end - _LAST_WEEKS and time // 3600 % _SELDOM != self._seed % _SELDOM
+        return issued_at(time, self.estimator.period, self._seed) and not seldom
 
     def with_heat_of_yesterday(self, carried: Carried, start: int, rows: Array) -> Array:
         """Drive `rows` (h, n_u + m) from `start` [UTC s] on with the heat [W] of the day before, where it was

@@ -50,6 +50,7 @@ LEVELS = {
         {"daemon"},
         {"web"},
         {"forecast"},
+        {"recordings"},
         {"config"},
         {"zone"},
         {"publish", "store"},

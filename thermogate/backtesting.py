@@ -21,9 +21,10 @@ from replay.experiments.jobs import Arrays
 from replay.experiments.series.recorded_zone import record_of
 from replay.experiments.study import Contender
 from service.errors import ConfigError, DataError
+from service.recordings.samples import SLOW
 from thermogate.arguments import items
 from thermogate.frames import Frame, moments, pandas
-from thermogate.learning import SLOW, Samples
+from thermogate.learning import taken
 from thermogate.settings import Settings, settings_for
 
 _SCORES = {
@@ -135,13 +136,12 @@ def compare(
 
 
 def _run(df: Frame, settings: Settings, contenders: Sequence[Contender], progress: bool) -> Backtest:
-    table = Samples(settings, df)
-    taken = list(table)
-    for sentence in table.refused().warnings:
+    found = taken(settings, df)
+    for sentence in found.warnings:
         warnings.warn(sentence, stacklevel=3)
-    if not taken:
+    if not found.samples:
         raise DataError("no row of the table could be used; look at its times and units")
-    recording, seed = of_record(record_of(taken, settings.zone), settings.zone), settings.zone.seed
+    recording, seed = of_record(record_of(found.samples, settings.zone), settings.zone), settings.zone.seed
     runs: dict[str, Arrays] = {}
     try:
         for one in tqdm(contenders, unit=" estimators", desc="backtest", delay=SLOW, disable=not progress):

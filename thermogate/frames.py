@@ -219,12 +219,11 @@ class Reader:
                             self._note(column, reading.fault, row, value)
             yield Part(readings, times[-1])
 
-    def span(self) -> tuple[float, float]:
-        """The first and the last time, UTC seconds; DataError where no row has one."""
-        found = self._seconds[self._order]
-        if not len(found):
+    def last(self) -> float:
+        """The last time, UTC seconds; DataError where no row has one."""
+        if not len(self._order):
             raise DataError("the clock change in spring skips every time of the table; is tz the right one?")
-        return float(found[0]), float(found[-1])
+        return float(self._seconds[self._order[-1]])
 
     def refused(self, faults: Counter[Fault]) -> list[str]:
         """One sentence for every column with values that were not used, and for the other `faults`."""

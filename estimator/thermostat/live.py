@@ -37,7 +37,7 @@ from estimator.thermostat.law import Laws
 from estimator.thermostat.memory import Memory, reaches_back
 from estimator.thermostat.thermostat import Thermostat
 from estimator.types import Estimator, Mixture, Mixtures, ModelDraws
-from estimator.verification.hindsight import EVERY, issued_at
+from estimator.verification.hindsight import EVERY
 from estimator.verification.scores import distribution, reduced
 
 FUTURES = (*GUESSES, "heat-held", "heat-of-yesterday", "by-regression")
@@ -370,17 +370,17 @@ class LiveForecasts:
         thermostat: Thermostat,
         before: Array,
         time: int,
-        ahead: Callable[[int], tuple[Array, Array]],
+        ahead: Callable[[int], tuple[Array, Array]] | None,
     ) -> Live:
         """One period on under the inputs `before` (n_u,) and the newest set-point, to `state` at `time` [UTC s].
 
-        Once an hour both questions are answered, to be held to what comes; `ahead(h)` gives the drive rows of h steps
-        that hold the heat, and those with the heat of the day before.
+        Where both questions are answered now, to be held to what comes, `ahead(h)` gives the drive rows of h steps that
+        hold the heat, and those with the heat of the day before; otherwise it is None.
         """
         step, longest = live.step + 1, max(self.leads, default=0)
         issues = tuple(issue for issue in live.issues if step - int(issue.step) < longest)
         setpoints = np.append(live.setpoints, thermostat.setpoint)
-        if longest and issued_at(time, self._estimator.period, self._seed) and self.knows(thermostat, time):
+        if longest and ahead is not None and self.knows(thermostat, time):
             issues = (*issues, self._issue(live, step, state, thermostat, ahead(longest - 1), before, time))
         kept = step - int(issues[0].step) if issues else 0
         return live._replace(step=step, setpoints=setpoints[len(setpoints) - kept :], issues=issues)

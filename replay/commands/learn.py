@@ -33,20 +33,21 @@ def add_to(add: AddCommand) -> None:
 
 
 def _learn(arguments: argparse.Namespace) -> int:
-    from replay.recorded.learning import learn, survey
+    from replay.recorded.learning import learn
     from replay.reports.publish import publish_report
     from service.config.load import load_history
     from service.errors import ServiceError
+    from service.recordings.history import survey
 
     check_period(arguments)
     if arguments.history is None:
         config = load_config(arguments)
     else:
         config = load_history(arguments.config, arguments.history, arguments.overrides)
-    histories = survey(config, arguments.start, arguments.end)
-    for zone, history in histories.items():
-        print("\n  ".join([history.described(zone), *history.doubts]))
-    if not any(history.samples for history in histories.values()):
+    histories = survey(config, config.zones, arguments.start, arguments.end)
+    for history in histories.values():
+        print("\n  ".join([history.described, *history.doubts]))
+    if not any(history.recorded.samples for history in histories.values()):
         raise ServiceError("there is nothing to learn from; look at timestamp, decimal and unit of the sources")
     learned = learn(config, histories, jobs=arguments.jobs)
     for zone, known in learned.known.items():

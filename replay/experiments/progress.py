@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from tqdm import tqdm
 
-from replay.recorded.samples import SLOW
+from service.recordings.samples import SLOW
 
 Item = TypeVar("Item")
 

@@ -17,19 +17,15 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import asynccontextmanager
 from typing import Any, NamedTuple
 
-import numpy as np
 from tqdm import tqdm
 
-from adapters.fields.durations import format_duration
-from adapters.fields.times import written_time
-from replay.localtime import DAY
-from replay.recorded.doubts import doubts
-from replay.recorded.samples import SLOW, Recorded, read_samples
 from replay.recorded.trace import Trace, Tracer
 from service.config.fitting import fingerprint, make_worker, neighbourhood
 from service.config.site import Config, ZoneConfig
 from service.daemon.kernel_cache import guard_kernel_cache
 from service.errors import ServiceError
+from service.recordings.history import History
+from service.recordings.samples import SLOW
 from service.records.sample import Sample
 from service.records.update import Update
 from service.store.checkpoint import Checkpoint
@@ -47,37 +43,6 @@ _ENDED = (
 )
 
 
-class History(NamedTuple):
-    """What a recording holds of one zone, by the zone's own grid."""
-
-    samples: int
-    first: int
-    """UTC s; meaningless where there is no sample."""
-    last: int
-    measured: float
-    """Share of the samples in which the zone's first output was measured."""
-    complete: float
-    """Share of the samples in which every input was measured."""
-    longest_gap: int
-    """s without a measured output at most, within the history."""
-    recorded: Recorded
-    """The samples themselves, in order, and what was refused."""
-    doubts: Sequence[str] = ()
-    """What looks wrong with it, one sentence each."""
-
-    def described(self, zone: str) -> str:
-        """One line about the history of `zone`."""
-        if not self.samples:
-            return f"zone '{zone}': nothing usable{self.recorded.said}"
-        days = (self.last - self.first) / DAY
-        gap = f"longest gap {format_duration(self.longest_gap)}" if self.longest_gap else "no gap"
-        return (
-            f"zone '{zone}': {self.samples} samples from {written_time(self.first)} to {written_time(self.last)} "
-            f"({days:.1f} days), measured in {100 * self.measured:.0f} %, every input in {100 * self.complete:.0f} %, "
-            f"{gap}{self.recorded.said}"
-        )
-
-
 class Learned(NamedTuple):
     """What a run did."""
 
@@ -85,34 +50,6 @@ class Learned(NamedTuple):
     """Of the zones that learned something in this run."""
     known: Mapping[str, int]
     """Samples of each zone that its state had already, and that were passed over."""
-
-
-def survey(config: Config, start: float | None, end: float | None) -> dict[str, History]:
-    """What the recording of `config` holds of each of its zones from UTC time `start` up to `end`.
-
-    Raises ServiceError where a source is live or cannot be read.
-    """
-    found = read_samples(config, config.zones, start, end, progress=None)
-    return {zone.id: _history(zone, found[zone.id]) for zone in config.zones}
-
-
-def _history(zone: ZoneConfig, found: Recorded) -> History:
-    samples = found.samples
-    if not samples:
-        return History(0, 0, 0, 0.0, 0.0, 0, found)
-    times = np.array([sample.time for sample in samples], dtype=np.float64)
-    values = np.array([np.concatenate([sample.outputs, sample.inputs]) for sample in samples])
-    known, outputs = np.isfinite(values), len(zone.network.measured)
-    return History(
-        samples=len(samples),
-        first=samples[0].time,
-        last=samples[-1].time,
-        measured=float(known[:, 0].mean()),
-        complete=float(known[:, outputs:].all(axis=1).mean()),
-        longest_gap=int(np.diff(times[known[:, 0]]).max(initial=zone.period) - zone.period),
-        recorded=found,
-        doubts=doubts(zone, times, values),
-    )
 
 
 def learn(config: Config, histories: Mapping[str, History], *, jobs: int | None = None) -> Learned:
@@ -136,14 +73,21 @@ def learn(config: Config, histories: Mapping[str, History], *, jobs: int | None 
 
 async def _learned(store: Store, config: Config, histories: Mapping[str, History], jobs: int) -> Learned:
     """Let every zone learn from what is new, zones in turn in so many processes."""
-    zones = [zone for zone in config.zones if histories[zone.id].samples]
-    total, known, jobs = sum(histories[zone.id].samples for zone in zones), {}, max(1, min(jobs, len(zones)))
+    zones = [zone for zone in config.zones if histories[zone.id].recorded.samples]
+    total, known, jobs = (
+        sum(len(histories[zone.id].recorded.samples) for zone in zones),
+        {},
+        max(1, min(jobs, len(zones))),
+    )
     async with _processes(jobs) as processes:
         owners = {zone.id: processes[place % jobs] for place, zone in enumerate(zones)}
         with tqdm(total=total, unit=" samples", delay=SLOW, desc="learning", disable=None) as bar:
             async with asyncio.TaskGroup() as tasks:
                 students = [
-                    _Student(store, zone, owners[zone.id], bar, neighbourhood(config, zone, store.checkpoints))
+                    _Student(
+                        *(store, zone, owners[zone.id], bar, neighbourhood(config, zone, store.checkpoints)),
+                        end=histories[zone.id].recorded.samples[-1].time,
+                    )
                     for zone in zones
                 ]
                 # All know where they begin before one of them goes on: no zone learns from what is new.
@@ -164,8 +108,8 @@ async def _learned(store: Store, config: Config, histories: Mapping[str, History
 
 
 class _Student:
-    """A zone that learns in the process `owner`; what it learns is written to `store`, and what a new one begins with
-    comes from its `neighbours`."""
+    """A zone that learns in the process `owner` from a history up to `end` [UTC s]; what it learns is written to
+    `store`, and what a new one begins with comes from its `neighbours`."""
 
     def __init__(
         self,
@@ -174,8 +118,10 @@ class _Student:
         owner: ProcessPoolExecutor,
         bar: Any,
         neighbours: Callable[[], Checkpoint | None],
+        end: int,
     ) -> None:
         self._store, self._zone, self._owner, self._bar, self._neighbours = store, zone, owner, bar, neighbours
+        self._end = end
         self._fingerprint = fingerprint(zone)
 
     async def resume(self) -> int | None:
@@ -185,7 +131,7 @@ class _Student:
         checkpoint = await asyncio.to_thread(self._store.checkpoints.load, name, self._fingerprint)
         if checkpoint is None:
             checkpoint = await first_checkpoint(self._store, name, self._neighbours)
-        await self._there(_begin, self._zone, self._fingerprint, checkpoint)
+        await self._there(_begin, self._zone, self._fingerprint, checkpoint, self._end)
         step = None if checkpoint is None or checkpoint.is_beginning else checkpoint.step
         last = await self._store.resume_after(name, step)
         while samples := await self._store.samples_after(name, step):
@@ -240,8 +186,9 @@ def _begun() -> None:
     guard_kernel_cache()
 
 
-def _begin(zone: ZoneConfig, mark: str, checkpoint: Checkpoint | None) -> None:
+def _begin(zone: ZoneConfig, mark: str, checkpoint: Checkpoint | None, end: int) -> None:
     worker = make_worker(zone)
+    worker.loop.history_end = end
     if checkpoint is not None:
         snapshot.restore(worker, checkpoint)
     _students[zone.id] = worker, Tracer(zone, worker), zone, mark

@@ -25,12 +25,12 @@ from adapters.fields.durations import format_duration
 from adapters.fields.times import written_time
 from estimator import registry
 from replay.errors import writing
-from replay.recorded.samples import SLOW, Recorded, read_samples
 from replay.recorded.trace import Trace, Tracer
 from replay.scores.intervals import coverage, mean_width, rmse, winkler
 from service.config.fitting import make_worker
 from service.config.site import Config, ZoneConfig
 from service.errors import ServiceError
+from service.recordings.samples import SLOW, Recorded, read_samples
 from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.record import values
 from service.records.sample import Sample

@@ -17,11 +17,11 @@ from tqdm import tqdm
 from adapters.fields.times import written_time
 from replay.errors import ReplayError
 from replay.localtime import DAY
-from replay.recorded.samples import SLOW
 from replay.recorded.trace import Trace, Tracer
 from service.config.fitting import fingerprint, make_worker
 from service.config.site import ZoneConfig
 from service.errors import StateMismatch
+from service.recordings.samples import SLOW
 from service.records.history import HistoryRow
 from service.records.sample import Sample
 from service.records.series import GAIN

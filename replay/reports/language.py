@@ -23,6 +23,7 @@ LANGUAGES = ("en", "de")
 
 Say = Callable[[str], str]
 
+_DURATION = re.compile(r"(?<![^\s(])(\d+)(min|[dhs])(?![^\s,.;:)])")
 _GAP = re.compile(r"\{\{|\}\}|\{(\w+)\}")
 
 
@@ -36,14 +37,17 @@ class _Entry(NamedTuple):
 def sayer(language: str) -> Say:
     """What gives a sentence in `language`, one of LANGUAGES."""
     if language == LANGUAGES[0]:
-        return lambda text: text
-    return lambda text: _said(language, text) or text
+        return _spaced
+    return lambda text: _said(language, text) or _spaced(text)
+
+
+def _spaced(text: str) -> str:
+    """`text` with lengths of time, which the daemon writes as a configuration does, as people write them."""
+    return _DURATION.sub(r"\1 \2", text)
 
 
 def in_language(report: Report, language: str, names: Collection[str]) -> Report:
     """`report` in `language`; `names`, of zones, channels and parameters, stay as they are."""
-    if language == LANGUAGES[0]:
-        return report
     translate = sayer(language)
 
     def say(text: str) -> str:

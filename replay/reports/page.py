@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from tqdm import tqdm
 
-from replay.recorded.samples import SLOW
 from replay.recorded.trace import Trace
 from replay.reports import plots, tables
 from replay.reports.advice import advice
@@ -16,6 +15,7 @@ from replay.reports.kit.report import Plot, Report, Section
 from replay.reports.kit.table import Table
 from replay.reports.residuals import diagnostics
 from service.forecast.answers import Room
+from service.recordings.samples import SLOW
 
 
 def report(site: str, traces: Sequence[Trace], progress: bool = False) -> Report:

@@ -81,20 +81,11 @@ def zones(traces: Sequence[Trace]) -> Table:
 
 
 def to_do(traces: Sequence[Trace]) -> Table:
-    """What to do in each zone, those first that need it most."""
-    rows: list[tuple[Cell, ...]] = []
-    for trace in sorted(traces, key=_need):
-        for one in () if trace.room is None else trace.room.to_do:
-            rows.append((trace.zone, one.what, one.why))
-    return Table("to-do", ("zone", "what", "why"), tuple(rows))
-
-
-def _need(trace: Trace) -> float:
-    """How little a zone needs somebody."""
-    if trace.room is None:
-        return 0.0
-    uncomfortable = trace.room.answers[0].value / (24.0 * max(trace.room.days, 1.0))
-    return -len(trace.room.to_do) - uncomfortable
+    """What to do in each zone: first the zone with what is most urgent, then the one that is uncomfortable longest."""
+    rooms = [(trace.zone, trace.room) for trace in traces if trace.room is not None and trace.room.to_do]
+    rooms.sort(key=lambda one: (one[1].to_do[0].urgency, -one[1].answers[0].value / one[1].days))
+    rows = tuple((zone, one.what, one.why) for zone, room in rooms for one in room.to_do)
+    return Table("to-do", ("zone", "what", "why"), rows)
 
 
 def laws(trace: Trace) -> Table:

@@ -126,6 +126,7 @@ class ToDo:
 
     what: str
     why: str
+    urgency: Number = shown("from -1, at once, to 5: rooms are ranked by the first thing to do", default=5.0)
 
 
 @record

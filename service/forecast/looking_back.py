@@ -98,7 +98,14 @@ def _departed(worker: ZoneWorker, times: Array, inputs: Array) -> Iterator[str]:
     if found:
         _, channel, away = max(found)
         side = "above" if away > 0.0 else "below"
-        yield f"{channel} was {amount(abs(away))} {network.channel_unit(channel)} {side} what is usual at the hour"
+        unit = network.channel_unit(channel).replace("degC", "K")
+        yield f"{_called(channel)} was {float(f'{abs(away):.2g}'):g} {unit} {side} what is usual at the hour"
+
+
+def _called(channel: str) -> str:
+    """An input in the words of people who have no model."""
+    kinds = {"T_out": "the outdoor temperature", "I_sol": "the sun", "u_heat": "the heating"}
+    return next((words for kind, words in kinds.items() if channel.startswith(kind)), channel)
 
 
 def _unmeasured(times: Array, step: float, gain: Array) -> str:

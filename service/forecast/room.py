@@ -43,6 +43,8 @@ MOST = 3
 _HOUR, _DAY = 3600.0, 86400.0
 _COOLING = 6
 """h over which a room is left to cool down."""
+_FELT = 0.05
+"""K from which a change of temperature is told."""
 _LEVELS = (0.025, 0.5, 0.975)
 _FULL, _LITTLE = 0.9, 0.1
 """Shares of the largest heating from which it is at its limit, and up to which it hardly heats."""
@@ -111,13 +113,13 @@ class RoomQuestion(NamedTuple):
             *lost_heat(self.past.times, self.past.step, self.past.gain, self.zone),
             *last_day(worker, self.past.times, self.past.step, self.past.inputs, self.past.gain[:, 1]),
         ]
-        told = sorted(_told(worker.network, comfort, self.past, diagnosis, trust, standing), key=lambda one: one[0])
+        told = _told(worker.network, comfort, self.past, diagnosis, trust, standing)
         return Room(
             days=len(self.past.times) * self.past.step / _DAY,
             answers=tuple(answers),
             sun=tuple(sun.tolist()),
             people=tuple(people.tolist()),
-            to_do=tuple(one for _, one in told[:MOST]),
+            to_do=tuple(sorted(told, key=lambda one: one.urgency)[:MOST]),
         )
 
 
@@ -228,13 +230,16 @@ def _pace(worker: ZoneWorker, standing: Standing) -> Iterator[RoomAnswer]:
         for row, steps in ((off, hours), (full, hour))
     )
     fall = cold[0][1] - cold[-1][::-1]
-    sentence = (
-        f"Without heating, sun and people it cools by {fall[1]:.1f} K in {_COOLING} h at the weather of now; "
-        f"95 % between {fall[0]:.1f} and {fall[2]:.1f} K"
-    )
+    if fall[1] < _FELT:
+        sentence = f"Without heating, sun and people it would not cool down in {_COOLING} h at the weather of now"
+    else:
+        sure = f"95 % between {fall[0]:.1f} and {fall[2]:.1f} K" if fall[0] >= _FELT else f"at most {fall[2]:.1f} K"
+        sentence = (
+            f"Without heating, sun and people it cools by {fall[1]:.1f} K in {_COOLING} h at the weather of now; {sure}"
+        )
     yield RoomAnswer("cooling", sentence, "K", *fall[[1, 0, 2]].tolist())
     power, rise = float(full[heat].sum()), float(warm[-1][1] - cold[hour][1])
-    if power > 0.0:
+    if power > 0.0 and rise >= _FELT:
         sentence = f"An hour of full heating ({amount(power)} W) makes it {rise:.1f} K warmer than an hour without"
         yield RoomAnswer("heating", sentence, "K", rise)
 
@@ -314,6 +319,8 @@ def _energy(worker: ZoneWorker, past: Past, loss: Array | None, doubt: str) -> I
         return
     yield RoomAnswer("energy", f"The heating used {amount(total)} kWh in {length:.1f} days", "kWh", total)
     if loss is None or "rely" in doubt:
+        sentence = "What 1 K less would have saved is not known, for the heat loss is not"
+        yield RoomAnswer("saving", sentence, "kWh")
         return
     hours = np.bincount(days - days[0]) * past.step / _HOUR
     low, saved, high = (float(np.minimum(one * hours / 1000.0, used).sum()) for one in loss)
@@ -339,46 +346,46 @@ _FROM_FINDINGS = dict.fromkeys(kinds.TELEMETRY, -1) | {
 
 def _told(
     network: Network, comfort: _Comfort, past: Past, diagnosis: Diagnosis, trust: Trust, standing: Standing
-) -> Iterator[tuple[float, ToDo]]:
-    """What to do, each with how urgent it is (0: first)."""
+) -> Iterator[ToDo]:
+    """What to do."""
     for one in _grouped(diagnosis.findings):
         problem, _, remedy = one.sentence.partition("; ")
-        yield _FROM_FINDINGS[one.finding], ToDo(remedy, problem)
+        yield ToDo(remedy, problem, float(_FROM_FINDINGS[one.finding]))
     if comfort.share(comfort.cold) > RARE:
-        yield 3.0, _against_cold(network, comfort, past, standing)
+        yield ToDo(*_against_cold(network, comfort, past, standing), 3.0)
     if comfort.share(comfort.warm) > RARE:
-        yield 3.5, _against_warmth(network, comfort, past, standing)
+        yield ToDo(*_against_warmth(network, comfort, past, standing), 3.5)
     told = {one.sentence for one in diagnosis.findings}
     untrusted = [one.reason for one in trust.horizons if one.level == UNTRUSTED]
     if untrusted:
         # What follows from a finding is mended with it.
         if untrusted[0] not in told:
-            yield 4.5, ToDo("do not let a controller rely on the forecasts yet", untrusted[0])
+            yield ToDo("do not let a controller rely on the forecasts yet", untrusted[0], 4.5)
     elif trust.beaten:
         *reasons, remedy = trust.beaten.split("; ")
-        yield 4.5, ToDo(remedy, reasons[0])
+        yield ToDo(remedy, reasons[0], 4.5)
 
 
-def _against_cold(network: Network, comfort: _Comfort, past: Past, standing: Standing) -> ToDo:
+def _against_cold(network: Network, comfort: _Comfort, past: Past, standing: Standing) -> tuple[str, str]:
     reason = f"it was too cold for {float(comfort.cold.sum()) * comfort.hours:.0f} h"
     if comfort.share(comfort.cold & ~_after_a_rise(past)) <= RARE / 2.0:
         what = "start heating earlier; the page works out when, under Warm by"
-        return ToDo(what, f"{reason} after a setback")
+        return what, f"{reason} after a setback"
     if _heated(network, past, standing, comfort.cold) > _FULL:
-        return ToDo("have the heating looked at, or lower the set-point", f"{reason} at full heating")
+        return "have the heating looked at, or lower the set-point", f"{reason} at full heating"
     if comfort.against_setpoint:
-        return ToDo("look for what keeps the heating from following the set-point, such as a closed valve", reason)
-    return ToDo("heat more, or give the zone its set-point", reason)
+        return "look for what keeps the heating from following the set-point, such as a closed valve", reason
+    return "heat more, or give the zone its set-point", reason
 
 
-def _against_warmth(network: Network, comfort: _Comfort, past: Past, standing: Standing) -> ToDo:
+def _against_warmth(network: Network, comfort: _Comfort, past: Past, standing: Standing) -> tuple[str, str]:
     hours = float(comfort.warm.sum()) * comfort.hours
     if _heated(network, past, standing, comfort.warm) > _LITTLE:
-        return ToDo(
+        return (
             "lower the heating or look for a valve that does not close",
             f"it was too warm for {hours:.0f} h while it was heated",
         )
-    return ToDo("shade the windows or air", f"it was too warm for {hours:.0f} h without much heating")
+    return "shade the windows or air", f"it was too warm for {hours:.0f} h without much heating"
 
 
 def _heated(network: Network, past: Past, standing: Standing, when: Mask) -> float:

@@ -27,12 +27,12 @@ from support.zenoh_plant import endpoint, session
 
 from adapters.fields.durations import format_duration
 from estimator.network.presets import network
-from replay.recorded.samples import read_samples
 from replay.recorded.tables import cells, utc_stamps, write_table
 from replay.simulated import semi_synthetic
 from replay.simulated.semi_synthetic import PERIOD
 from service.config import load as configuration
 from service.config.fitting import make_alignment, make_worker
+from service.recordings.samples import read_samples
 
 BUILDING = "building-67"
 PATIENCE = 300.0

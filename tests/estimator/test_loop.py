@@ -83,3 +83,19 @@ def test_a_missing_input_is_held_and_one_that_never_came_is_not_a_number():
     carried = loop.hold(carried, PERIOD, np.array([np.nan, 700.0]))
     assert carried.held.values.tolist() == [5.0, 700.0]
     assert carried.held.times.tolist() == [PERIOD, 2 * PERIOD]
+
+
+def test_in_a_long_history_live_forecasts_are_seldom_made_until_its_last_weeks():
+    loop, hours, weeks = loop_of("ekf"), 6, 5
+    steps = 14 * 24 * hours
+    loop.history_end = steps * PERIOD + weeks * 7 * 86400 - 3 * 86400
+    carried, made, latest = loop.begin(), [], 0
+    for k in range(steps):
+        carried = taken(loop, carried, k).carried
+        newest = carried.standing.issued.waiting.due.max(initial=0)
+        if newest > latest:
+            made.append((k + 1) * PERIOD // 3600)
+            latest = newest
+    seldom, hourly = (np.diff([hour for hour in made if (hour < 11 * 24) is early]) for early in (True, False))
+    assert (set(seldom), set(hourly)) == ({7}, {1})
+    assert len({hour % 24 for hour in made if hour < 11 * 24}) == 24

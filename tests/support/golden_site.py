@@ -14,9 +14,9 @@ from support.running_zone import plumbing
 
 from service.config.fitting import fingerprint, make_alignment, make_worker, measured_outputs, surroundings
 from service.config.load import load
-from service.config.recording import recorded
 from service.config.site import Config
 from service.publish.metrics import Metrics
+from service.recordings.merged import recorded
 from service.zone.zone import Zone
 
 SITE = "golden"

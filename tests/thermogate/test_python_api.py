@@ -217,6 +217,16 @@ def test_values_that_cannot_be_are_not_used_and_named() -> None:
     assert "1 out_of_range" in repr(model)
 
 
+def test_what_looks_wrong_is_told_with_what_to_write_instead() -> None:
+    table = room(samples=200)
+    wrong = table.assign(T_i=9.0 / 5.0 * table["T_i"] + 32.0, u_heat=table["u_heat"] / 1000.0)
+    with pytest.warns(UserWarning, match="if it is in (kW|degF)") as told:
+        tg.fit(wrong, "tite", **FEW)
+    sentences = " ".join(str(one.message) for one in told)
+    assert 'write columns={"u_heat": ("u_heat", "kW")}, with the name of its column' in sentences
+    assert 'write columns={"T_i": ("T_i", "degF")}' in sentences
+
+
 def test_going_on_later_is_the_same_as_one_table() -> None:
     table, cut = room(samples=100), 47
     model = tg.fit(table.iloc[:cut], "tite", **FEW)
@@ -395,7 +405,8 @@ def test_scenarios_of_a_bank_are_those_of_its_whole_forecast() -> None:
 
 def test_what_the_model_does_not_know_is_listed_with_a_remedy() -> None:
     table = room(samples=600)
-    model = tg.fit(table.assign(u_heat=0.0), "tite", **FEW)
+    with pytest.warns(UserWarning, match="the table: u_heat is 0 W all the time"):
+        model = tg.fit(table.assign(u_heat=0.0), "tite", **FEW)
     found = model.findings
     assert list(found.columns) == ["finding", "subject", "sentence"]
     assert len(found) > 0

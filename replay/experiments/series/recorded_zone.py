@@ -13,10 +13,10 @@ from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.experiments.series.filtering import Series
 from replay.localtime import Seconds
-from replay.recorded.samples import read_samples
 from replay.recorded.stored import stored_samples
 from replay.scores.windows import Window
 from service.config.site import Config, ZoneConfig
+from service.recordings.samples import read_samples
 from service.records.sample import Sample
 
 

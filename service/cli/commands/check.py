@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 from service.cli.arguments import AddCommand, load_config, take_config
 
 if TYPE_CHECKING:
     from service.config.site import Config
+    from service.recordings.history import History
+
+_LOOKED_AT = 60 * 86400.0
+"""s of a recording that are looked at: a check is no replay."""
 
 
 def add_to(add: AddCommand) -> None:
@@ -25,7 +29,17 @@ def _check(arguments: argparse.Namespace) -> int:
     check_exposure(config)
     warnings = [*config.warnings, *_misfits(config)]
     print("\n".join([*summary(config), *(f"warning: {warning}" for warning in warnings)]))
+    for history in _recorded(config):
+        print("\n".join([history.described, *(f"warning: zone '{history.zone}': {one}" for one in history.doubts)]))
     return 0
+
+
+def _recorded(config: Config) -> Iterable[History]:
+    """What the recordings hold of the zones that they feed, at their beginning."""
+    from service.recordings.history import survey
+
+    zones = [zone for zone in config.zones if not config.goes_live(zone)]
+    return survey(config, zones, most=_LOOKED_AT).values() if zones else ()
 
 
 def _misfits(config: Config) -> Iterator[str]:

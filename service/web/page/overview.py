@@ -154,6 +154,7 @@ def overview_row(zone: ZoneView, ahead: AheadPayload | None, spark: Spark | None
         zone.period,
         sample_time=None if update is None else update.time,
         temperature=math.nan if update is None else update.y[0],
+        setpoint=math.nan if update is None else update.setpoint,
         disturbed=update is not None and update.shown_gate.regime == "high",
         expected=expected,
         expected_from=update.forecast.valid_time if update is not None and expected else None,

@@ -5,6 +5,7 @@ import { element, paced, set } from "./dom.js";
 import { band, chartClock, chartConfig, colour, layout, legend, line, loadPlotly, spanText, temperatureRange } from "./plotting.js";
 import { t, unitText } from "./text.js";
 import { moment } from "./time.js";
+import { channelText } from "./words.js";
 
 const HOUR = 3600_000;
 const RANGES = [["minutes", HOUR / 6], ["hour", HOUR], ["day", 24 * HOUR], ["week", 7 * 24 * HOUR], ["month", 30 * 24 * HOUR], ["year", 365 * 24 * HOUR]];
@@ -183,7 +184,7 @@ function figure(series, clock, expert) {
     const palette = INPUT_COLOURS[unit] ?? INPUT_COLOURS.other;
     const text = plain(unitText(unit));
     series.inputs.filter((input) => input.unit === unit).forEach((input, index) => {
-      drawn(input.channel, input.values, palette[index % palette.length], { width: 1.3, shape: unit === "degC" ? "linear" : "hv", hover: `%{y:.4~g} ${text}` });
+      drawn(channelText(input.channel), input.values, palette[index % palette.length], { width: 1.3, shape: unit === "degC" ? "linear" : "hv", hover: `%{y:.4~g} ${text}` });
     });
     panels.push([text, { nticks: 4 }]);
   }

@@ -6,7 +6,7 @@ import { planEditor } from "./plan_editor.js";
 import { chartClock, chartConfig, colour, fanRange, layout, legend, line, loadPlotly } from "./plotting.js";
 import { celsius, duration, t } from "./text.js";
 import { moment, offset, utcText } from "./time.js";
-import { originText } from "./words.js";
+import { channelText, originText } from "./words.js";
 
 const HOUR = 3600_000;
 const HORIZON = 24 * HOUR;
@@ -39,7 +39,7 @@ export function nextHours(id, zone, failed) {
   let channel = heating[0];
   let asked = null;
   let edges = [];
-  const choice = heating.length > 1 ? element("select", { "aria-label": t("plan.channel") }, ...heating.map((one) => element("option", { value: one.channel, textContent: one.channel }))) : null;
+  const choice = heating.length > 1 ? element("select", { "aria-label": t("plan.channel") }, ...heating.map((one) => element("option", { value: one.channel, textContent: channelText(one.channel) }))) : null;
   choice?.addEventListener("change", () => {
     channel = heating.find((one) => one.channel === choice.value);
     planned = null;
@@ -100,7 +100,7 @@ export function nextHours(id, zone, failed) {
     const now = heatNow();
     edges = slots(Date.parse(held.valid_time));
     editor = planEditor({
-      channel: channel.channel,
+      channel: channelText(channel.channel),
       unit: channel.unit,
       times: edges,
       now,
@@ -183,7 +183,7 @@ export function nextHours(id, zone, failed) {
       { label: t(planned ? "series.planned" : "series.expected"), colour: colour("--accent") },
       ...(planned ? [{ label: t("series.held"), colour: colour("--muted"), dash: "dot" }] : []),
     ]);
-    origins.replaceChildren(...shown.origins.map((one) => element("li", { textContent: `${one.channel}: ${originText(one)}` })));
+    origins.replaceChildren(...shown.origins.map((one) => element("li", { textContent: `${channelText(one.channel)}: ${originText(one)}` })));
     const text = sentence(fan, planned ? base : null, shown.origins) + (cut ? ` ${t("fan.cut")}` : "");
     result.textContent = text;
     plot.setAttribute("aria-label", text);

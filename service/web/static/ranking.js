@@ -14,10 +14,19 @@ export function weight({ finding }) {
   return MINOR.has(finding) ? 5 : SERIOUS_WEIGHT;
 }
 
+// K below its set-point from which a room is cold, as in the answers about a room.
+const COLD = 0.5;
+
+// By how many K a room is colder than it is meant to be; 0 where it is not, or nobody knows.
+export function coldBy({ temperature, setpoint }) {
+  const by = setpoint === null || temperature === null ? 0 : setpoint - temperature;
+  return by > COLD ? by : 0;
+}
+
 // The larger, the more a zone needs somebody.
 export function severity(row) {
   const findings = row.findings.reduce((sum, finding) => sum + weight(finding), 0);
-  return (STATE_WEIGHT[row.state] ?? 0) + (TRUST_WEIGHT[row.trust] ?? 0) + (row.reason && row.state === "running" ? 50 : 0) + Math.min(80, findings) + (row.disturbed ? 10 : 0) + (row.trust_reason && row.trust === "trusted" ? 15 : 0);
+  return (STATE_WEIGHT[row.state] ?? 0) + (TRUST_WEIGHT[row.trust] ?? 0) + (row.reason && row.state === "running" ? 50 : 0) + Math.min(80, findings) + (row.disturbed ? 10 : 0) + Math.min(12, 6 * coldBy(row)) + (row.trust_reason && row.trust === "trusted" ? 15 : 0);
 }
 
 // Whether somebody should look: everything but a room that runs, is trusted, is not outdone by a simpler forecast and of which nothing worse is found than that

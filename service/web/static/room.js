@@ -3,7 +3,7 @@
 import { get, getIfAny, zonePath } from "./api.js";
 import { element, paced, svg } from "./dom.js";
 import { said } from "./said.js";
-import { duration, number, share, t } from "./text.js";
+import { capital, duration, number, share, t } from "./text.js";
 import { moment } from "./time.js";
 import { saidNode } from "./words.js";
 
@@ -13,7 +13,7 @@ const WORTH = 20;
 
 // The card of zone `id`; `failed(error)` is told what went wrong, and null once it works again.
 export function roomCard(id, failed) {
-  const answers = element("div", {}, element("p", { className: "muted", textContent: t("loading") }));
+  const answers = element("div", {}, element("p", { className: "muted", textContent: t("learned.none") }));
   const node = element("section", { className: "card answers" }, element("h2", { textContent: t("room.title") }), answers, preheatForm(id));
   const ask = paced(async () => {
     try {
@@ -36,8 +36,6 @@ function told(room) {
     list.length ? element("ol", { className: "findings" }, ...list) : element("p", { className: "muted", textContent: t("room.nothing") }),
   ];
 }
-
-const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 
 // Heat besides the heating by the hour of the day, as bars: people below, the sun on top of them.
 function profile({ sun, people }) {

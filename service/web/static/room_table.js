@@ -175,7 +175,7 @@ function roomRow(id) {
       shown = row;
       const old = row.state !== "running" && row.sample_time;
       since.replaceChildren(...(old ? [timeNode(Date.parse(row.sample_time))] : []));
-      cells.now.textContent = celsius(row.temperature);
+      set(cells.now, { textContent: celsius(row.temperature), title: row.setpoint === null ? "" : t("overview.meant", { setpoint: celsius(row.setpoint) }) });
       LEADS.forEach(([name], index) => {
         const one = row.expected[index];
         const title = one ? t("overview.interval", { lead: duration(one.lead_s), low: number(one.lower, 1), high: number(one.upper, 1) }) : "";

@@ -32,6 +32,9 @@ export async function loadSaid(language) {
   catalogue = found.toSorted((one, other) => other.literal - one.literal);
 }
 
+// Lengths of time, which the daemon writes as a configuration does, as people write them.
+const spaced = (text) => text.replace(/(?<![^\s(])(\d+)(min|[dhs])(?![^\s,.;:)])/g, "$1 $2");
+
 // A number with the reader's decimal sign, and a length of time with a space.
 function localised(value) {
   if (/^-?\d+\.\d+$/.test(value)) return value.replace(".", (0.5).toLocaleString(document.documentElement.lang).charAt(1));
@@ -59,12 +62,12 @@ function translation(text) {
 
 // The sentence, and the language that it then is in.
 export function said(text) {
-  if (!catalogue.length) return { text, lang: "en" };
+  if (!catalogue.length) return { text: spaced(text), lang: "en" };
   if (!known.has(text)) {
     // A thousand rooms say much the same; what they said before is let go of.
     if (known.size >= REMEMBERED) known.clear();
     known.set(text, translation(text));
   }
   const found = known.get(text);
-  return found === null ? { text, lang: "en" } : { text: found, lang: document.documentElement.lang };
+  return found === null ? { text: spaced(text), lang: "en" } : { text: found, lang: document.documentElement.lang };
 }

@@ -34,13 +34,14 @@ export function t(key, values = {}) {
 
 // The same as the beginning of a sentence; a name that is filled in stays as it is written.
 export function sentence(key, values = {}) {
-  const text = texts[key] ?? key;
-  return filled(text.charAt(0).toLocaleUpperCase(language) + text.slice(1), values);
+  return filled(capital(texts[key] ?? key), values);
 }
 
 function filled(text, values) {
   return text.replace(/\{(\w+)\}/g, (all, name) => values[name] ?? all);
 }
+
+export const capital = (text) => text.charAt(0).toLocaleUpperCase(language) + text.slice(1);
 
 export function has(key) {
   return key in texts;

@@ -2,7 +2,7 @@
 
 import { element } from "./dom.js";
 import { said } from "./said.js";
-import { SERIOUS_WEIGHT, weight } from "./ranking.js";
+import { SERIOUS_WEIGHT, coldBy, weight } from "./ranking.js";
 import { celsius, duration, has, number, sentence, share, t } from "./text.js";
 
 export function stateText(state) {
@@ -18,6 +18,13 @@ export function trustText(trust) {
 export function saidNode(own) {
   const { text, lang } = said(own);
   return element("span", { lang, textContent: text });
+}
+
+// A channel in the words of people who have no model; others are called as they are.
+export function channelText(channel) {
+  const kind = /^(T_out|T_adj|u_heat|u_cool|I_sol|T_set)(?:_(.+))?$/.exec(channel);
+  if (!kind) return channel;
+  return t(`channel.${kind[1]}${kind[2] ? ".of" : ""}`, { name: kind[2] });
 }
 
 // Why readings were refused, by the kind of fault.
@@ -45,7 +52,8 @@ export function rowTold(row) {
   const [first, ...others] = row.findings.toSorted((one, other) => weight(other) - weight(one));
   if (row.trust_reason && row.trust !== "learning" && !(first && weight(first) === SERIOUS_WEIGHT)) return said(row.trust_reason);
   if (first) return { text: others.length ? t("finding.more", { text: findingText(first), count: number(others.length) }) : findingText(first), lang: "" };
-  return { text: row.disturbed ? t("finding.disturbed") : t("finding.none"), lang: "" };
+  const cold = coldBy(row) ? t("finding.cold", { by: number(coldBy(row), 1) }) : t("finding.none");
+  return { text: row.disturbed ? t("finding.disturbed") : cold, lang: "" };
 }
 
 export function rowText(row) {

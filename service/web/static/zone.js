@@ -9,9 +9,9 @@ import { nextHours } from "./next_hours.js";
 import { roomCard } from "./room.js";
 import { said } from "./said.js";
 import { follow } from "./stream.js";
-import { amount, celsius, duration, number, share, t, unitText } from "./text.js";
+import { amount, capital, celsius, duration, number, share, t, unitText } from "./text.js";
 import { timeNode, useTimeZone } from "./time.js";
-import { doubts, faultText, saidNode, stateText, trustText } from "./words.js";
+import { channelText, doubts, faultText, saidNode, stateText, trustText } from "./words.js";
 
 const EXPERT = "thermogate-expert";
 const LEARNED_MS = 60_000;
@@ -106,7 +106,7 @@ export function showZone(place, frame, id) {
       [t("zone.next"), interval ? `${celsius(forecast.mean, 2)} (${number(interval.lower, 2)} … ${number(interval.upper, 2)})` : "–"],
       [t("zone.trust"), trust.length ? trust.join(", ") : "–"],
       [t("zone.gain"), gain && gain.median !== null ? t("zone.gain_value", { value: amount(gain.median, 2), low: amount(gain.lower, 2), high: amount(gain.upper, 2) }) : t("zone.gain_unknown")],
-      ...(forecast?.inputs ?? []).map((one) => [one.channel, `${amount(one.value)} ${unitText(one.unit)}${one.held ? ` (${t("zone.held", { age: duration(one.age_s) })})` : ""}`]),
+      ...(forecast?.inputs ?? []).map((one) => [channelText(one.channel), `${amount(one.value)} ${unitText(one.unit)}${one.held ? ` (${t("zone.held", { age: duration(one.age_s) })})` : ""}`]),
     ]);
     fill(expertFigures, [
       ["α", forecast?.volatility ? `${number(forecast.volatility.median, 2)} (${number(forecast.volatility.lower, 2)} … ${number(forecast.volatility.upper, 2)})` : "–"],
@@ -128,8 +128,8 @@ export function showZone(place, frame, id) {
   function showDoubt() {
     const found = doubts(known);
     const running = known.status.state === "running";
-    const head = running ? (found.length ? t("doubt.title") : t("doubt.nothing")) : null;
-    const items = found.map(({ text, own }) => element("li", {}, text, ...(own ? [" ", saidNode(own)] : [])));
+    const head = running ? (found.length ? t("doubt.title") : t("doubt.nothing", { lead: duration(Math.max(0, ...(known.trust?.horizons ?? []).map((one) => one.lead_s))) })) : null;
+    const items = found.map(({ text, own }) => element("li", {}, text, ...(own ? [" ", saidNode(text.endsWith(".") ? capital(own) : own)] : [])));
     const next = [...(head ? [element("strong", { textContent: head })] : []), ...(items.length ? [element("ul", {}, ...items)] : [])];
     const text = next.map(({ textContent }) => textContent).join("");
     // What has not changed is not read out again.

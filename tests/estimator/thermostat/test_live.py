@@ -16,6 +16,7 @@ from estimator.thermostat.futures import GUESSES, guesses
 from estimator.thermostat.live import FUTURES, PLANNED, UNPLANNED, LiveForecasts
 from estimator.thermostat.memory import no_memory, remembered
 from estimator.thermostat.thermostat import no_thermostat, with_sample
+from estimator.verification.hindsight import issued_at
 
 HOUSE = network("tite")
 PERIOD = 1800
@@ -53,13 +54,13 @@ class Zone:
         )
         self.day = with_inputs(self.day, k * PERIOD, inputs)
         self.state, self.before, self.time = self.estimator.predict(self.state, inputs), inputs, (k + 1) * PERIOD
+
+        def ahead(steps):
+            return 2 * (foreseen(HOUSE, self.day, inputs, self.time + PERIOD * np.arange(float(steps))).rows,)
+
+        issues = issued_at(self.time, PERIOD, SEED)
         self.live = self.forecasts.advanced(
-            self.live,
-            self.state,
-            self.thermostat,
-            inputs,
-            self.time,
-            lambda steps: 2 * (foreseen(HOUSE, self.day, inputs, self.time + PERIOD * np.arange(float(steps))).rows,),
+            self.live, self.state, self.thermostat, inputs, self.time, ahead if issues else None
         )
 
     def run(self, data, begin, end):

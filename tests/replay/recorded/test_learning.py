@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from replay.recorded import learning
-from replay.recorded.learning import learn, survey
+from replay.recorded.learning import learn
 from service.config.fitting import fingerprint, make_worker
 from service.config.load import load, load_history
 from service.errors import ConfigError, ServiceError
+from service.recordings.history import survey
 from service.store.reading import read_state
 from service.store.store import locked
 from service.zone import snapshot
@@ -63,9 +64,13 @@ def written(folder, plant=PLANT, history=HISTORY):
     return folder / "plant.toml", folder / "history.toml"
 
 
+def surveyed(config, start=None, end=None):
+    return survey(config, config.zones, start, end)
+
+
 def learned(folder, start=None, end=None):
     config = load_history(*written(folder))
-    return learn(config, survey(config, start, end), jobs=1)
+    return learn(config, surveyed(config, start, end), jobs=1)
 
 
 def state_of(folder):
@@ -138,9 +143,9 @@ def test_a_run_that_was_interrupted_goes_on_with_the_same_bits(whole, tmp_path):
 
 def test_what_the_recording_holds_is_told_before_the_work(tmp_path):
     config = load_history(*written(tmp_path))
-    (history,) = survey(config, None, None).values()
-    text = history.described("room")
-    assert text.startswith(f"zone 'room': {history.samples} samples from 20")
+    (history,) = surveyed(config).values()
+    text = history.described
+    assert text.startswith(f"zone 'room': {len(history.recorded.samples)} samples from 20")
     assert "measured in 100 %" in text
 
 
@@ -170,11 +175,11 @@ def test_mistakes_in_a_history_are_explained(tmp_path, plant, history, sentence)
 
 def test_a_running_daemon_and_a_live_source_are_refused(tmp_path):
     config = load_history(*written(tmp_path))
-    histories = survey(config, None, None)
+    histories = surveyed(config)
     with locked(tmp_path / "state"), pytest.raises(ServiceError, match="another thermogate already runs"):
         learn(config, histories, jobs=1)
     with pytest.raises(ServiceError, match="is live"):
-        survey(load(tmp_path / "plant.toml"), None, None)
+        surveyed(load(tmp_path / "plant.toml"))
 
 
 def test_a_parquet_file_is_history_as_it_is(tmp_path):
@@ -186,10 +191,10 @@ def test_a_parquet_file_is_history_as_it_is(tmp_path):
     table = table.rename(columns=names)
     table["u_heat"] *= 1000.0
     plant, history = written(tmp_path)
-    expected = survey(load_history(plant, history), None, None)["room"].recorded.samples
+    expected = surveyed(load_history(plant, history))["room"].recorded.samples
     for prefix in ("", "room/"):
         table.add_prefix(prefix).to_parquet(tmp_path / "history.parquet")
-        found = survey(load_history(plant, tmp_path / "history.parquet"), None, None)["room"].recorded.samples
+        found = surveyed(load_history(plant, tmp_path / "history.parquet"))["room"].recorded.samples
         assert [one.time for one in found] == [one.time for one in expected]
         np.testing.assert_allclose([one.inputs for one in found], [one.inputs for one in expected])
         np.testing.assert_allclose([one.outputs for one in found], [one.outputs for one in expected])
@@ -227,8 +232,8 @@ def learned_next_door(folder, end=None, changes=()):
         folder, PLANT + NEXT_DOOR, HISTORY + '\n[[zones]]\nid = "next"\n' + HISTORY.partition('"room"\n')[2]
     )
     config = load_history(*paths, changes)
-    histories = survey(config, None, end)
-    histories["room"] = histories["room"]._replace(samples=0)
+    histories = surveyed(config, None, end)
+    histories["room"] = histories["room"]._replace(recorded=histories["room"].recorded._replace(samples=()))
     learn(config, histories, jobs=1)
     zone = next(zone for zone in load(paths[0], changes).zones if zone.id == "next")
     with read_state(folder / "state") as state:

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from support.tables import rows_of
 
-from replay.recorded import runner, samples
+from replay.recorded import runner
 from replay.recorded.runner import replay_recording
 from replay.scores.intervals import coverage, winkler
 from service.config.load import load
 from service.errors import ServiceError
+from service.recordings import samples
 
 EXAMPLE = Path(__file__).parents[3] / "deploy" / "examples" / "building-67.toml"
 ZONE = "building-67"

@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from support.browser import browser, serious
+from support.browser import axe_finds, browser
 
 from replay.recorded.runner import replay_recording
 from replay.reports.publish import publish_report
@@ -53,8 +53,8 @@ def test_nothing_is_wider_than_the_window(page, width):
     page.wait_for_function("document.documentElement.scrollWidth <= innerWidth")
 
 
-def test_axe_finds_nothing_serious(page):
-    assert serious(page) == []
+def test_axe_finds_nothing(page):
+    assert axe_finds(page) == []
 
 
 def test_at_night_it_is_dark_and_on_paper_light(page):
@@ -63,7 +63,7 @@ def test_at_night_it_is_dark_and_on_paper_light(page):
     page.emulate_media(color_scheme="dark")
     page.wait_for_function(f"{background} === 'rgb(20, 23, 26)'")
     page.wait_for_function(f"{first} === 'rgb(20, 23, 26)'")
-    assert serious(page) == []
+    assert axe_finds(page) == []
     page.emulate_media(media="print", color_scheme="dark")
     page.wait_for_function(f"{background} === 'rgb(255, 255, 255)'")
     page.wait_for_function(f"{first} === 'white'")

@@ -18,7 +18,7 @@ from replay.localtime import DAY
 from replay.recorded.runner import replay_recording
 from replay.recorded.stored import stored_traces
 from replay.reports.kit.table import shown
-from replay.reports.language import in_language
+from replay.reports.language import in_language, sayer
 from replay.reports.page import report
 from replay.reports.publish import publish_report
 from replay.reports.tables import percent
@@ -325,3 +325,14 @@ def test_a_page_of_hostile_names_keeps_them_text(replayed, tmp_path):
     text = (tmp_path / "report.html").read_text()
     assert hostile not in text
     assert len(re.findall(r"<script>", text)) == 2, "plotly and the drawing of plots"
+
+
+@pytest.mark.parametrize(
+    ("sentence", "read"),
+    [
+        ("rely on the model 15min, 1h ahead", "rely on the model 15 min, 1 h ahead"),
+        ("report: out/7d/report.html", "report: out/7d/report.html"),
+    ],
+)
+def test_lengths_of_time_are_written_as_people_do_and_places_as_they_are(sentence, read):
+    assert sayer("en")(sentence) == read

@@ -72,8 +72,8 @@ def test_forecasts_that_were_right_need_no_reason():
 def test_an_input_that_came_otherwise_is_named():
     inputs = np.column_stack([np.full(len(TIMES), 5.0), np.where(TIMES[-1] - 86_400.0 < TIMES, 1500.0, 500.0)])
     (answer,) = asked(worker(1.4, 0.4), inputs)
-    assert "with both known it would have been 0.4 K; u_heat was 1000 W above what is usual" in answer.sentence
-    assert sayer("de")(answer.sentence).endswith("u_heat lag 1000 W über dem, was zu der Stunde üblich ist")
+    assert "with both known it would have been 0.4 K; the heating was 1000 W above what is usual" in answer.sentence
+    assert sayer("de")(answer.sentence).endswith("die Heizung lag 1000 W über dem, was zu der Stunde üblich ist")
 
 
 def test_heat_that_nobody_measures_is_named_with_its_energy_else_the_model():

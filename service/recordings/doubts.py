@@ -1,15 +1,21 @@
-"""What looks wrong with telemetry before anything is learned from it: units, swaps, values that never move."""
+"""What looks wrong with telemetry before anything is learned from it: units, swaps, values that never move.
+
+One function for `check`, `learn` and `tg.fit`, which write the remedy in different places.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
+from adapters.reading import Fault
 from estimator.arrays import Array
 from estimator.heat.terms import sun_channel
 from service.config.site import ZoneConfig
 from service.config.usual import usual
+from service.recordings.samples import Recorded
 
 _FEW_DAYS = 3.0
 """Days below which a history is too short to learn walls from."""
@@ -36,19 +42,55 @@ _TEMPERATURES = {"degF": (5 / 9, -160 / 9), "K": (1.0, -273.15)}
 """Units that are taken for degC by mistake: scale and offset to it."""
 
 
-def doubts(zone: ZoneConfig, times: Array, values: Array) -> list[str]:
-    """One sentence with a remedy for each thing that looks wrong.
+_MUCH = 0.05
+"""Share of the readings that are refused from which on it is no accident."""
 
-    `times` (L,) are the UTC s of the samples of `zone`, `values` (L, n) their channels in the network's order and unit,
-    NaN where nothing was measured.
-    """
+_REFUSED = {
+    Fault.OUT_OF_RANGE: "its unit, its scale and the range `valid`",
+    Fault.OUT_OF_ORDER: "the order of its rows",
+    Fault.DUPLICATED: "rows with the same time, of which one is used",
+    Fault.NON_NUMERIC: "its decimal sign and delimiter",
+    Fault.BAD_TIMESTAMP: "the format and the time zone of its times",
+}
+"""What to look at, by the kind of most that was refused."""
+
+
+class Remedies(NamedTuple):
+    """How to write what a recording needs."""
+
+    unit: Callable[[str, str], str]
+    """Of the channel and the unit that it is in."""
+    dates: str
+    """How dates are read that begin with the day."""
+    zone: str
+
+
+IN_A_CONFIGURATION = Remedies(
+    lambda channel, unit: f'unit = "{unit}"', 'format = "%d.%m.%Y %H:%M" for 31.12.2025 23:45', 'zone = "Europe/Berlin"'
+)
+
+
+def doubts(zone: ZoneConfig, found: Recorded, remedies: Remedies = IN_A_CONFIGURATION) -> list[str]:
+    """One sentence with a remedy for each thing that looks wrong in what was `found` of `zone`."""
+    refused = list(_of_refused(found))
+    if not found.samples:
+        return refused
+    times, values = found.times, found.values
     return [
+        *refused,
         *_of_length(times),
-        *_of_dates(times[np.isfinite(values).any(axis=1)]),
-        *_of_clock(zone, times, values),
-        *_of_channels(zone, values),
+        *_of_dates(times[np.isfinite(values).any(axis=1)], remedies),
+        *_of_clock(zone, times, values, remedies),
+        *_of_channels(zone, values, remedies),
         *_of_swaps(zone, values),
     ]
+
+
+def _of_refused(found: Recorded) -> Iterator[str]:
+    if (count := sum(found.refused.values())) > _MUCH * found.readings:
+        most = max(found.refused, key=lambda fault: found.refused[fault])
+        look = _REFUSED.get(Fault(most), "what the source delivers")
+        yield f"{100 * count / max(count, found.readings):.0f} % of it is refused, most as {most}; look at {look}"
 
 
 def _of_length(times: Array) -> Iterator[str]:
@@ -57,18 +99,18 @@ def _of_length(times: Array) -> Iterator[str]:
         yield f"it covers {days:.1f} days; the walls of a building show after about a week, so give more if you can"
 
 
-def _of_dates(times: Array) -> Iterator[str]:
+def _of_dates(times: Array, remedies: Remedies) -> Iterator[str]:
     """Day and month in each other's place leave only the 1st to the 12th of each month."""
     days = np.unique(times // 86400).astype(np.int64)
     in_month = [int(str(day)[-2:]) for day in days.astype("datetime64[D]")]
     if len(days) and days[-1] - days[0] > _MONTHS and max(in_month) <= _LAST_SWAPPED:
         yield (
             "all of it is on the 1st to 12th of a month, as if day and month were swapped; write how times are to be "
-            'read, such as format = "%d.%m.%Y %H:%M" for 31.12.2025 23:45'
+            f"read, such as {remedies.dates}"
         )
 
 
-def _of_clock(zone: ZoneConfig, times: Array, values: Array) -> Iterator[str]:
+def _of_clock(zone: ZoneConfig, times: Array, values: Array, remedies: Remedies) -> Iterator[str]:
     """The sun tells the time, where it is measured and the site has a longitude."""
     location, channel = zone.whereabouts.location, sun_channel(zone.network)
     if location is None or channel is None:
@@ -81,12 +123,12 @@ def _of_clock(zone: ZoneConfig, times: Array, values: Array) -> Iterator[str]:
     if abs(late) > _FAR_OFF:
         yield (
             f"{channel} is highest {abs(late):.1f} h {'after' if late > 0 else 'before'} noon at longitude "
-            f'{location.longitude:g}; write the time zone of the recording, such as zone = "Europe/Berlin", or correct '
+            f"{location.longitude:g}; write the time zone of the recording, such as {remedies.zone}, or correct "
             "the longitude"
         )
 
 
-def _of_channels(zone: ZoneConfig, values: Array) -> Iterator[str]:
+def _of_channels(zone: ZoneConfig, values: Array, remedies: Remedies) -> Iterator[str]:
     network = zone.network
     for name, column in zip(network.channels, values.T, strict=True):
         known, unit = column[np.isfinite(column)], network.channel_unit(name)
@@ -99,12 +141,16 @@ def _of_channels(zone: ZoneConfig, values: Array) -> Iterator[str]:
         elif unit == "degC" and not lower <= middle <= upper:
             scaled = {one: scale * middle + offset for one, (scale, offset) in _TEMPERATURES.items()}
             meant = [one for one, value in scaled.items() if lower <= value <= upper]
-            remedy = f'write unit = "{meant[0]}" if it is in {meant[0]}' if meant else "look at its unit and scale"
+            remedy = (
+                f"write {remedies.unit(name, meant[0])} if it is in {meant[0]}"
+                if meant
+                else "look at its unit and scale"
+            )
             yield f"{name} is {middle:.1f} degC in the middle, usual are {lower:g} to {upper:g}; {remedy}"
         elif unit == "W" and known.max() == known.min() == 0.0:
             yield f"{name} is 0 W all the time: a model then does not learn what heating does"
         elif unit == "W" and 0.0 < np.abs(known).max() < _SMALL_POWER:
-            yield f'{name} is {np.abs(known).max():g} W at most; write unit = "kW" if it is in kW'
+            yield f"{name} is {np.abs(known).max():g} W at most; write {remedies.unit(name, 'kW')} if it is in kW"
 
 
 def _of_swaps(zone: ZoneConfig, values: Array) -> Iterator[str]:

@@ -5,9 +5,11 @@ import pytest
 from support.harness import EXAMPLES
 
 from estimator.heat.sun import Location
-from replay.recorded.doubts import doubts
 from service.config.load import load
 from service.config.site import Whereabouts
+from service.recordings.doubts import doubts
+from service.recordings.samples import Recorded
+from service.records.sample import Sample
 
 ZONE = load(EXAMPLES / "generic-csv.toml").zones[0]
 HOURS = np.arange(24.0 * 14)
@@ -17,9 +19,15 @@ OUTDOORS = 4.0 + 5.0 * np.sin(DAY)
 HEATING = 1500.0 * (np.sin(DAY) < 0.0)
 
 
+def recorded(zone, times, values, refused=None):
+    outputs = len(zone.network.measured)
+    samples = [Sample(int(time), row[:outputs], row[outputs:], (), ()) for time, row in zip(times, values, strict=True)]
+    return Recorded(samples, refused or {}, values.size)
+
+
 def told(room=ROOM, outdoors=OUTDOORS, heating=HEATING, hours=HOURS):
     assert ZONE.network.channels == ("T_i", "T_out", "u_heat")
-    return doubts(ZONE, 3600.0 * hours, np.stack([room, outdoors, heating], axis=1))
+    return doubts(ZONE, recorded(ZONE, 3600.0 * hours, np.stack([room, outdoors, heating], axis=1)))
 
 
 def test_ordinary_telemetry_is_not_doubted():
@@ -65,7 +73,7 @@ def test_the_sun_tells_that_the_time_zone_is_missing():
         """At 15 degrees east the sun is highest at 11 h UTC."""
         sun = 600.0 * np.maximum(np.cos(DAY - 2.0 * np.pi * (11.0 + ahead) / 24.0), 0.0)
         values[:, network.channels.index("I_sol")] = sun
-        return doubts(zone, 3600.0 * HOURS, values)
+        return doubts(zone, recorded(zone, 3600.0 * HOURS, values))
 
     assert found(0.0) == []
     (sentence,) = found(2.0)
@@ -73,5 +81,18 @@ def test_the_sun_tells_that_the_time_zone_is_missing():
 
 
 def test_a_short_history_is_named():
-    (found,) = doubts(ZONE, np.array([0.0, 3600.0]), np.array([[20.0, 3.0, 0.0], [20.1, 3.0, 0.0]]))
-    assert found.startswith("it covers 0.0 days")
+    (found,) = told(*(column[:10] for column in (ROOM, OUTDOORS, HEATING, HOURS)))
+    assert found.startswith("it covers 0.4 days")
+
+
+@pytest.mark.parametrize(
+    ("fault", "remedy"),
+    [("out_of_range", "its unit, its scale and the range `valid`"), ("stuck", "what the source delivers")],
+)
+def test_many_refused_readings_are_told_with_what_to_look_at(fault, remedy):
+    values = np.stack([ROOM, OUTDOORS, HEATING], axis=1)
+    few = {"duplicated": 3}
+    assert doubts(ZONE, recorded(ZONE, 3600.0 * HOURS, values, few)) == []
+    (found,) = doubts(ZONE, recorded(ZONE, 3600.0 * HOURS, values, few | {fault: 501}))
+    assert found == f"50 % of it is refused, most as {fault}; look at {remedy}"
+    assert doubts(ZONE, Recorded([], {fault: 9}, 9)) == [f"100 % of it is refused, most as {fault}; look at {remedy}"]
