@@ -12,7 +12,7 @@ from bacpypes3.primitivedata import Tag, TagClass
 from adapters.bacnet.client import decoded
 from adapters.bacnet.objects import TYPES, ObjectId, parse_object
 from adapters.bacnet.units import differs, unit_of
-from adapters.bacnet.values import Flags, Unreadable, bits, flags, number, object_id, text, whole
+from adapters.bacnet.values import Flags, Unreadable, bits, flags, known, number, object_id, text, whole
 from adapters.reading import Quality
 
 
@@ -97,3 +97,7 @@ def test_units_as_the_configuration_writes_them():
     assert not differs(95, "degC"), "a device whose units were never entered"
     assert differs(64, "degC")
     assert differs(60_000, "degC")
+
+
+def test_what_is_not_known_of_an_object_is_none():
+    assert [known(whole, value) for value in (62, "62", ValueError("refused"))] == [62, None, None]

@@ -40,6 +40,9 @@ def test_a_state_holds_until_the_next_one_and_is_read_again_every_minute(tmp_pat
     )
     assert readings(path, ROOM) == [(10, 20.5), (60, 20.5), (120, 20.5), (130, 21.0), (180, 21.0)]
     assert readings(path, ROOM, start=BEGIN + 125) == [(130, 21.0), (180, 21.0)]
+    (probe,) = asyncio.run(source(path, ROOM).probe(1.0))
+    assert (probe.value, probe.time, probe.place) == (21.0, BEGIN + 130, "sensor.room")
+    assert readings(path, ("sensor.other",)) == []
 
 
 def test_what_is_no_number_is_missing_and_ends_what_held(tmp_path):

@@ -20,6 +20,7 @@ from support.zenoh_plant import QUICK, TLS, USER, caching_publisher, certificate
 import adapters.messages.subscribed
 import adapters.zenoh.source
 from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.zenoh.access import collecting
 from adapters.zenoh.source import ZenohSource
 
 T = {"id": "room/T", "key": "bms/room/T"}
@@ -130,6 +131,31 @@ def test_user_and_password_are_accepted_and_refused(mode: str, tmp_path: Path, m
         assert "user" in refused
         assert "secret" not in refused
         assert verdict(place, mode=mode) != "connected"
+
+
+async def test_our_listener_asks_for_user_and_password(tmp_path: Path) -> None:
+    (tmp_path / "users").write_text("bms:secret-1\n", encoding="utf-8")
+
+    place = endpoint()
+    ours = source({"mode": "router", "listen": [place], "users_file": tmp_path / "users"})
+    async with listening(ours) as heard:
+        await opened(place)
+        with (
+            pytest.raises(zenoh.ZError),
+            session(
+                "client", connect=place, connect__timeout_ms=1000, **{f"{USER}user": "bms", f"{USER}password": "no"}
+            ),
+        ):
+            pass
+        with session("client", connect=place, **{f"{USER}user": "bms", f"{USER}password": "secret-1"}) as bms:
+            await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
+
+
+def test_only_those_who_are_named_may_tell() -> None:
+    access = collecting(["gateway"], relaying=False)
+    everyone, named = access["policies"]  # type: ignore[misc]
+    assert (everyone["subjects"], named["subjects"]) == (["all"], ["user", "certificate"])
+    assert (everyone["rules"], named["rules"]) == (["ask"], ["tell"])
 
 
 def test_tls_and_mutual_tls_are_accepted_and_refused(tmp_path: Path) -> None:
