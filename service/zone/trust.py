@@ -149,20 +149,20 @@ def _issued(
 
 def _held_too_little(week: IssuedSkill | None, day: IssuedSkill | None, threshold: Threshold) -> str | None:
     """Which part of `threshold` the coverage as issued fails, as a sentence."""
-    for window, needed, least, days in (
-        (day, NEEDED_OF_DAY, threshold.day_coverage, "the last day"),
-        (week, NEEDED, threshold.coverage, "7 days"),
+    for window, needed, least, when in (
+        (day, NEEDED_OF_DAY, threshold.day_coverage, "in the last day"),
+        (week, NEEDED, threshold.coverage, "in 7 days"),
     ):
         if window is not None and window.forecasts >= needed and window.coverage < least:
             return (
-                "as published, when nobody knew the heating and the weather to come, the 95 % intervals "
-                f"{_held(window, days)}; under a plan of the heating they may hold"
+                "as published, when nobody knew the heating and the weather to come, "
+                f"{_held(window, when)}; under a plan of the heating they may hold"
             )
     return None
 
 
-def _held(window: HorizonSkill | IssuedSkill, days: str) -> str:
-    return f"{format_duration(window.lead)} ahead held {window.coverage:.0%} of what came in {days}"
+def _held(window: HorizonSkill | IssuedSkill, when: str) -> str:
+    return f"the 95 % intervals {format_duration(window.lead)} ahead held {window.coverage:.0%} of what came {when}"
 
 
 def _verdict(week: HorizonSkill, day: HorizonSkill, diagnosis: Diagnosis, thresholds: dict[str, Threshold]) -> Verdict:
@@ -187,11 +187,11 @@ def _below(week: HorizonSkill, day: HorizonSkill, threshold: Threshold) -> str |
     """
     if day.forecasts >= NEEDED_OF_DAY:
         if day.coverage < threshold.day_coverage:
-            return f"the 95 % intervals {_held(day, 'the last day')}"
+            return _held(day, "in the last day")
         if day.coverage >= threshold.coverage and _skilful(day, threshold):
             return None
     if week.coverage < threshold.coverage:
-        return f"the 95 % intervals {_held(week, '7 days')}"
+        return _held(week, "in 7 days")
     if not _skilful(week, threshold):
         return (
             f"forecasts {format_duration(week.lead)} ahead had an RMSE of {week.rmse:.2f} K in 7 days, and "

@@ -220,7 +220,7 @@ def test_values_that_cannot_be_are_not_used_and_named() -> None:
 def test_what_looks_wrong_is_told_with_what_to_write_instead() -> None:
     table = room(samples=200)
     wrong = table.assign(T_i=9.0 / 5.0 * table["T_i"] + 32.0, u_heat=table["u_heat"] / 1000.0)
-    with pytest.warns(UserWarning, match="if it is in (kW|degF)") as told:
+    with pytest.warns(UserWarning, match="if it is in (kW|degF)|are the two swapped") as told:
         tg.fit(wrong, "tite", **FEW)
     sentences = " ".join(str(one.message) for one in told)
     assert 'write columns={"u_heat": ("u_heat", "kW")}, with the name of its column' in sentences
