@@ -62,8 +62,9 @@ def add_to(add: AddCommand) -> None:
 
 def _experiment(arguments: argparse.Namespace) -> int:
     from replay.errors import writing
-    from replay.experiments.pool import run_jobs
-    from replay.experiments.request import Experiment, Request
+    from replay.experiments.jobs import run_jobs
+    from replay.experiments.request import Request
+    from replay.experiments.study import Study
     from replay.reports.kit.report import write_report
 
     out: Path = arguments.out or _DEFAULT_OUT / arguments.name
@@ -77,11 +78,11 @@ def _experiment(arguments: argparse.Namespace) -> int:
     # Finished runs are used again where neither their settings nor the code has changed.
     runs = out / "runs"
     try:
-        experiment: Experiment = module_of(arguments.name).prepare(request)
+        study: Study = module_of(arguments.name).prepare(request)
         with writing(out):
             runs.mkdir(exist_ok=True)
-            results = run_jobs(experiment.jobs(), runs, workers, watched)
-        written = write_report(experiment.report(results), out)
+            results = run_jobs(study.jobs, runs, workers, watched)
+        written = write_report(study.report(results), out)
     except KeyboardInterrupt:
         kept = len(list(runs.glob("*.npz")))
         print(

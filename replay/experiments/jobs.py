@@ -1,32 +1,48 @@
-"""A run of an experiment as data, and the fingerprint by which a finished one is known again."""
+"""A run of an experiment as data; runs spread over processes, and kept one by one.
+
+A finished run is one file, written whole or not at all, so that an experiment can be gone on with.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
+import multiprocessing
+import os
+import pickle
+import re
+import signal
+import zipfile
+import zlib
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from functools import cache
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from tqdm import tqdm
 
 import estimator
 import replay
 import service
+from estimator.errors import EstimatorError
+from replay.errors import ReplayError
+from replay.experiments.progress import steps
 
 Arrays = dict[str, npt.NDArray[Any]]
 
 
 class Job(NamedTuple):
-    """One run: `work(payload)` gives named arrays and depends on nothing else.
+    """One contender on one recording with one seed: `work(payload)` gives named arrays and depends on nothing else.
 
-    `work` is a function of a module, so that another process finds it; `payload` is made of numbers, strings, arrays
-    and tuples, mappings or dataclasses of them.
+    `work` is a function of a module, so that another process finds it.
     """
 
-    label: str
+    recording: str
+    contender: str
     seed: int
     work: Callable[[Any], Arrays]
     payload: Any
@@ -34,45 +50,102 @@ class Job(NamedTuple):
     @property
     def name(self) -> str:
         """What the run is called in messages."""
-        return f"{self.label}, seed {self.seed}"
+        return f"{self.recording} {self.contender}, seed {self.seed}"
 
+    @property
+    def fingerprint(self) -> str:
+        """Hexadecimal digest of everything that its result depends on: payload, work and source."""
+        return hashlib.sha256(_sources() + pickle.dumps((self.work, self.payload))).hexdigest()
 
-def fingerprint(job: Job) -> str:
-    """Hexadecimal digest of everything the result of `job` depends on: payload, work and source."""
-    digest = hashlib.sha256()
-    _feed(digest, (job.work.__module__, job.work.__qualname__, _sources(), job.payload))
-    return digest.hexdigest()
+    def file(self, folder: Path) -> Path:
+        """Where its result belongs; another payload or other code means another file."""
+        name = re.sub(r"[^a-z0-9]+", "-", self.name.lower()).strip("-")
+        return folder / f"{name}-{self.fingerprint[:16]}.npz"
 
 
 @cache
-def _sources() -> str:
+def _sources() -> bytes:
     """Digest of the source of the packages that a run goes through."""
     digest = hashlib.sha256()
     for package in (estimator, replay, service):
         for path in sorted(Path(package.__file__ or "").parent.rglob("*.py")):
             digest.update(path.read_bytes())
-    return digest.hexdigest()
+    return digest.digest()
 
 
-def _feed(digest: Any, value: Any) -> None:
-    """Add `value` with its type and shape, so that no two different payloads read the same."""
-    if isinstance(value, np.ndarray):
-        digest.update(f"array {value.dtype.str} {value.shape};".encode())
-        digest.update(np.ascontiguousarray(value).tobytes())
-    elif isinstance(value, Mapping):
-        digest.update(f"mapping {len(value)};".encode())
-        for key in sorted(value):
-            _feed(digest, key)
-            _feed(digest, value[key])
-    elif is_dataclass(value) and not isinstance(value, type):
-        digest.update(f"{type(value).__name__};".encode())
-        for field in fields(value):
-            _feed(digest, getattr(value, field.name))
-    elif isinstance(value, tuple | list):
-        digest.update(f"{type(value).__name__} {len(value)};".encode())
-        for item in value:
-            _feed(digest, item)
-    elif value is None or isinstance(value, str | int | float):
-        digest.update(f"{type(value).__name__} {value!r};".encode())
-    else:
-        raise TypeError(f"a payload cannot hold a {type(value).__name__}")
+def run_jobs(jobs: Sequence[Job], folder: Path, workers: int, progress: bool) -> list[Arrays]:
+    """The results of `jobs`, in their order, kept in `folder` and taken from there where they are.
+
+    With one worker everything runs in this process. Interrupted by Ctrl-C, the finished runs stay and KeyboardInterrupt
+    is raised. Raises ReplayError naming the run that failed.
+    """
+    paths = [job.file(folder) for job in jobs]
+    results = [load(path) for path in steps(paths, "finished runs", len(paths))]
+    missing = [index for index, result in enumerate(results) if result is None]
+    todo = [(jobs[index], paths[index]) for index in missing]
+    with tqdm(total=len(jobs), initial=len(jobs) - len(todo), unit=" runs", disable=not progress, desc="runs") as bar:
+        if workers == 1:
+            for one in todo:
+                _run(one)
+                bar.update()
+        elif todo:
+            _run_apart(todo, min(workers, len(todo)), bar)
+    for index in missing:
+        results[index] = load(paths[index])
+    lost = [job.name for job, result in zip(jobs, results, strict=True) if result is None]
+    if lost:
+        raise ReplayError(f"the run '{lost[0]}' left no readable result in {folder}; run the command again")
+    return [result for result in results if result is not None]
+
+
+def _run(todo: tuple[Job, Path]) -> None:
+    job, path = todo
+    try:
+        save(path, job.work(job.payload))
+    except EstimatorError as error:
+        raise ReplayError(f"run '{job.name}': {error}") from error
+
+
+def _run_apart(todo: Sequence[tuple[Job, Path]], workers: int, bar: Any) -> None:
+    # The parent alone answers Ctrl-C.
+    ignoring = (signal.SIGINT, signal.SIG_IGN)
+    executor = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), signal.signal, ignoring)
+    try:
+        for future in as_completed([executor.submit(_run, one) for one in todo]):
+            future.result()
+            bar.update()
+        executor.shutdown()
+    except BaseException as error:
+        # An error or Ctrl-C must not wait for minutes of work that nobody asks for any more.
+        processes = multiprocessing.active_children()
+        executor.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.terminate()
+            process.join()
+        for unfinished in todo[0][1].parent.glob("*.tmp"):
+            unfinished.unlink()
+        if isinstance(error, BrokenProcessPool):
+            raise ReplayError("a process ended by itself, perhaps for want of memory; try --jobs 1") from error
+        raise
+
+
+def load(path: Path) -> Arrays | None:
+    """The arrays of a finished run; None where there is none, or a damaged one that has to be run again."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    # What zipfile, zlib and NumPy make of a file in which some byte is another.
+    except (OSError, ValueError, EOFError, RuntimeError, TokenError, zipfile.BadZipFile, zlib.error):
+        return None
+
+
+def save(path: Path, arrays: Arrays) -> None:
+    """Write `arrays` beside `path` and rename: an interrupted run leaves no half file under its name."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_suffix(f".{os.getpid()}.tmp")
+    try:
+        with unfinished.open("wb") as file:
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)

@@ -1,15 +1,12 @@
-"""What the command line asks of an experiment, and what an experiment answers to."""
+"""What the command line asks of an experiment."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Protocol
 
 from replay.errors import ReplayError
-from replay.experiments.jobs import Arrays, Job
-from replay.reports.kit.report import Report
 from service.config.kept import kept_configuration
 
 
@@ -68,13 +65,3 @@ def names_of(files: Sequence[Path]) -> list[str]:
     if twice:
         raise ReplayError(f"--data has several files called '{twice[0]}', as the report would call them; rename one")
     return names
-
-
-class Experiment(Protocol):
-    """An experiment made ready from a request: the runs it needs, and what it says of their results."""
-
-    def jobs(self) -> list[Job]:
-        """Every run, the same list each time."""
-
-    def report(self, results: Sequence[Arrays]) -> Report:
-        """The report of the results, which come in the order of the jobs."""

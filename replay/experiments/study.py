@@ -18,14 +18,6 @@ Figures = Mapping[str, float]
 """What a run came to, by name; NaN where a figure is not defined."""
 
 
-class Run(NamedTuple):
-    """One contender on one recording with one seed."""
-
-    recording: str
-    contender: str
-    job: Job
-
-
 class Contender(NamedTuple):
     """An estimator with its options; `label` is its name in tables, `held` parameters stay at their nominal values."""
 
@@ -44,12 +36,12 @@ class Contender(NamedTuple):
 class Results:
     """The figures of every run, by recording and contender over seeds."""
 
-    def __init__(self, runs: Sequence[Run], figures: Sequence[Figures]) -> None:
+    def __init__(self, jobs: Sequence[Job], figures: Sequence[Figures]) -> None:
         self._figures: dict[tuple[str, str], list[Figures]] = {}
-        for run, found in zip(runs, figures, strict=True):
-            self._figures.setdefault((run.recording, run.contender), []).append(found)
-        self.recordings = list(dict.fromkeys(run.recording for run in runs))
-        self.contenders = list(dict.fromkeys(run.contender for run in runs))
+        for job, found in zip(jobs, figures, strict=True):
+            self._figures.setdefault((job.recording, job.contender), []).append(found)
+        self.recordings = list(dict.fromkeys(job.recording for job in jobs))
+        self.contenders = list(dict.fromkeys(job.contender for job in jobs))
 
     def runs(self, recording: str, contender: str) -> Sequence[Figures]:
         """The figures of every seed."""
@@ -117,18 +109,11 @@ def targets(found: Sequence[Verdict], *notes: str) -> Section:
 class Study:
     """An experiment: its runs, the figures of a run from its arrays, and the report of all figures."""
 
-    runs: tuple[Run, ...]
-    measure: Callable[[Run, Arrays], Figures]
+    jobs: Sequence[Job]
+    measure: Callable[[Job, Arrays], Figures]
     written: Callable[[Results], Report]
-
-    def jobs(self) -> list[Job]:
-        """Every run, in order."""
-        return [run.job for run in self.runs]
 
     def report(self, results: Sequence[Arrays]) -> Report:
         """The report of the results, which come in the order of the jobs; each is measured and let go."""
-        figures = [
-            self.measure(run, arrays)
-            for run, arrays in steps(zip(self.runs, results, strict=True), "scoring", len(self.runs))
-        ]
-        return self.written(Results(self.runs, figures))
+        pairs = steps(zip(self.jobs, results, strict=True), "scoring", len(self.jobs))
+        return self.written(Results(self.jobs, [self.measure(*pair) for pair in pairs]))

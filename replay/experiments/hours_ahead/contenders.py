@@ -75,14 +75,13 @@ def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) 
     Raises OptionsError where the estimator refuses its options.
     """
     leads, series, period = tuple(leads_of(recording.period).values()), recording.series, recording.period
-    label = f"{recording.name} {contender.label}"
     if contender.estimator in (*NAIVE, *DIRECT):
         work = run_naive if contender.estimator in NAIVE else run_direct
-        yield Job(label, seeds[0], work, PlainRun(contender.estimator, series, period, leads, seeds[0]))
+        run = PlainRun(contender.estimator, series, period, leads, seeds[0])
+        yield Job(recording.name, contender.label, seeds[0], work, run)
     else:
         registry.resolve(contender.estimator, recording.network, period, contender.options)
         for seed in seeds if seeded(contender) else seeds[:1]:
-            estimator, options = contender.estimator, contender.options
-            where = recording.whereabouts
-            run = FilterRun(estimator, options, recording.network, period, series, seed, where, leads)
-            yield Job(label, seed, run_hours, run)
+            estimator, options, where = contender.estimator, contender.options, recording.whereabouts
+            filtering = FilterRun(estimator, options, recording.network, period, series, seed, where, leads)
+            yield Job(recording.name, contender.label, seed, run_hours, filtering)

@@ -17,7 +17,7 @@ from replay.experiments.hours_ahead.forecasts import EVERY, FIRST_DAYS, LATER, P
 from replay.experiments.hours_ahead.recordings import Recording, recordings
 from replay.experiments.hours_ahead.runs import SAMPLES
 from replay.experiments.request import Request
-from replay.experiments.study import Contender, Results, Run, Study, targets
+from replay.experiments.study import Contender, Results, Study, targets
 from replay.localtime import DAY, HOUR
 from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report, Section
@@ -56,15 +56,10 @@ def prepare(request: Request) -> Study:
         raise ReplayError(f"{option}, and --config has its own; give one of the two")
     seeds, entered = request.seeds_or(SEEDS), contenders(request)
     found = {recording.name: recording for recording in recordings(request)}
-    runs = tuple(
-        Run(recording.name, contender.label, job)
-        for recording in found.values()
-        for contender in entered
-        for job in jobs_of(contender, recording, seeds)
-    )
+    jobs = [job for recording in found.values() for one in entered for job in jobs_of(one, recording, seeds)]
     return Study(
-        runs,
-        lambda run, arrays: figures.figures(found[run.recording], arrays),
+        jobs,
+        lambda job, arrays: figures.figures(found[job.recording], arrays),
         lambda results: _report(results, found, entered, request, seeds),
     )
 

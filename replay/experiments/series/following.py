@@ -1,8 +1,6 @@
-"""What a network with frozen parameters says of a recording: left alone, and led by its measurements."""
+"""What a network with frozen parameters says of a recording, led by its measurements."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -12,31 +10,9 @@ from estimator.network.assembly import assemble, topology
 from estimator.network.discretise import discretise
 from estimator.network.network import Network
 from estimator.network.starting import initial_temperatures
-from estimator.offline.open_loop import OpenLoop
-from replay.scores.windows import Window
 
 STATE_NOISE_SD, MEASUREMENT_SD = 0.03, 0.1
 """K per step, and K, of the filter that prepares a window."""
-
-
-def simulate(
-    network: Network,
-    period: float,
-    columns: Mapping[str, Array],
-    windows: Sequence[Window],
-    theta: Array,
-    starts: Array,
-) -> Array:
-    """States (K, n_x) [degC] open loop through each of `windows` from `starts` (len(windows), n_x); NaN elsewhere.
-
-    `columns` holds the channels (K,) of `network` by name, sampled every `period` s.
-    """
-    loop = OpenLoop(network, period)
-    inputs = np.column_stack([columns[channel] for channel in network.inputs])
-    states = np.full((len(inputs), len(network.nodes)), np.nan)
-    for (begin, end), start in zip(windows, starts, strict=True):
-        states[begin:end] = loop.simulate(theta, start, inputs[begin:end]).states
-    return states
 
 
 def follow(network: Network, theta: Array, period: float, outputs: Array, inputs: Array) -> Array:

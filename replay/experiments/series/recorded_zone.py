@@ -12,7 +12,7 @@ from estimator.arrays import Array
 from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.experiments.series.filtering import Series
-from replay.localtime import Seconds
+from replay.localtime import DAY, Seconds
 from replay.recorded.stored import stored_samples
 from replay.scores.windows import Window
 from service.config.site import Config, ZoneConfig
@@ -34,6 +34,12 @@ class ZoneRecord(NamedTuple):
     def matrix(self, channels: Sequence[str]) -> Array:
         """(K, len(channels))."""
         return np.column_stack([self.columns[channel] for channel in channels])
+
+    def first_days(self, days: int | None) -> ZoneRecord:
+        """The first `days` of it; None: all."""
+        if days is None:
+            return self
+        return self.rows(Window(0, int(np.searchsorted(self.times, self.times[0] + days * DAY))))
 
     def rows(self, window: Window) -> ZoneRecord:
         """The record of those rows."""

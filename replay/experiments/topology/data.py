@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from adapters.csv.config import CsvConfig
+from replay.errors import ReplayError
 from replay.experiments.catalogue import laboratory
 from replay.experiments.request import Request
 from replay.experiments.series.chosen import chosen
-from replay.experiments.series.recorded_zone import ZoneRecord, live_zone, read_zone
+from replay.experiments.series.recorded_zone import ZoneRecord, live_zone, pieces, read_zone
 from replay.experiments.topology.candidates import Candidate, candidates_for
+from replay.experiments.topology.fit import SHORTEST
 from replay.experiments.topology.toml import Place
-from replay.localtime import DAY
+from replay.localtime import HOUR
 from replay.scores.windows import Window
 from service.config.site import Config, ZoneConfig
 
@@ -31,11 +31,19 @@ class Recording(NamedTuple):
     place: Place | None = None
     """Where the network that is found belongs; None for a stand-in for Ecolar Home."""
 
-    def first_days(self, days: int) -> Recording:
-        """The first `days` of it."""
-        record = self.record
-        kept = int(np.searchsorted(record.times, record.times[0] + days * DAY))
-        return self._replace(record=record.rows(Window(0, kept)))
+    @property
+    def windows(self) -> list[Window]:
+        """Where every candidate can be fitted: the same rows for all of them. ReplayError where there are none."""
+        output = self.candidates[0].network.measured[0]
+        outputs = {node for candidate in self.candidates for node in candidate.network.measured}
+        inputs = [channel for channel in self.record.columns if channel not in outputs]
+        found = pieces(self.record, output, inputs, SHORTEST)
+        if not found:
+            raise ReplayError(
+                f"{self.name}: no {SHORTEST // HOUR} h of the recording have all of {', '.join(inputs)} without a "
+                "gap; a longer recording is needed, or larger hold_inputs in its zone"
+            )
+        return found
 
 
 def recordings(request: Request) -> list[Recording]:
@@ -45,7 +53,7 @@ def recordings(request: Request) -> list[Recording]:
     else:
         ecolar = laboratory("replay.lab.experiments.ecolar.standins", "experiment topology without --config or --state")
         found = ecolar.standins(request.seeds)
-    return found if request.days is None else [recording.first_days(request.days) for recording in found]
+    return [one._replace(record=one.record.first_days(request.days)) for one in found]
 
 
 def _of_zone(request: Request) -> Recording:

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
 from estimator.network.network import Network
 from estimator.offline.least_squares import Segment, fit_open_loop
-from estimator.offline.open_loop import OpenLoop
+from estimator.offline.open_loop import simulate_open_loop
 from replay.experiments.jobs import Arrays
-from replay.experiments.series.following import follow, frozen, simulate
+from replay.experiments.series.following import follow, frozen
 from replay.experiments.series.recorded_zone import ZoneRecord
 from replay.localtime import HOUR
 from replay.scores.intervals import rmse
-from replay.scores.residuals import residual_autocorrelation, residual_cross_correlation
+from replay.scores.residuals import residual_autocorrelation
 from replay.scores.windows import Window, daily_windows
 
 SHORTEST = 12 * HOUR
@@ -26,6 +25,22 @@ KNOWN = 2 / 3
 LAG_HORIZON = 6 * HOUR
 NIGHT, DAY = (20.0, 6.0), (7.0, 17.0)
 """Local hours of the paper's windows."""
+
+TRAIN, FULL, NIGHTLY, DAILY, HELD_OUT = SCORES = (
+    *("train RMSE [K]", "full MAE [K]", "night MAE [K]", "day MAE [K]", "held-out RMSE [K]"),
+)
+NIGHTS, DAYS = "nights", "days"
+"""Figures of a fit, beside `fitted` and `at_bound` of its parameters."""
+
+
+def fitted(parameter: str) -> str:
+    """Name of the figure that is the value found for `parameter`."""
+    return f"fitted {parameter}"
+
+
+def at_bound(parameter: str) -> str:
+    """Name of the figure that is 1 where `parameter` ended at an end of its box, and 0 elsewhere."""
+    return f"at a bound: {parameter}"
 
 
 class TopologyRun(NamedTuple):
@@ -40,26 +55,9 @@ class TopologyRun(NamedTuple):
     """Of the fit to the whole; half as many for the known part."""
 
 
-class TopologyScores(NamedTuple):
-    """K; NaN where the recording has no such window or no held-out rest."""
-
-    train_rmse: float
-    full_mae: float
-    night_mae: float
-    day_mae: float
-    held_out_rmse: float
-    j_acf: float
-    j_acf_last: float
-    """Its last term alone, the squared autocorrelation at LAG_HORIZON."""
-    j_xcorr: Mapping[str, float]
-    """By input channel of the recording, those that the network does not use included."""
-    nights: int
-    days: int
-
-
 def fit(run: TopologyRun) -> Arrays:
     """Fit to the whole, then to the known part alone, whose parameters are tried on the rest: arrays `theta`
-    (n_theta,), `initial_states` (n_pieces, n_x), `at_bound` (names) and `held_out_rmse`.
+    (n_theta,), `initial_states` (n_pieces, n_x), `at_bound` (n_theta,) and `held_out_rmse`.
 
     On the rest only the temperatures of the hidden nodes at the beginning are fitted: nobody could know them.
     """
@@ -71,7 +69,7 @@ def fit(run: TopologyRun) -> Arrays:
     return {
         "theta": best.theta,
         "initial_states": best.initial_states,
-        "at_bound": np.array(best.at_bound, dtype=np.str_),
+        "at_bound": np.array([parameter.name in best.at_bound for parameter in run.network.parameters]),
         "held_out_rmse": np.array(held_out),
     }
 
@@ -97,74 +95,41 @@ def split(record: ZoneRecord, windows: Sequence[Window], output: str) -> tuple[l
     return [w for w in known if w.end - w.begin >= shortest], [w for w in rest if w.end - w.begin >= shortest]
 
 
-def score(
-    network: Network, record: ZoneRecord, windows: Sequence[Window], fitted: Arrays, time_zone: str
-) -> TopologyScores:
-    """The figures of Table 3 for the first measured node, with a held-out one beside them."""
-    residual = open_loop_residual(network, record, windows, fitted)
-    night = _restarted(network, record, windows, fitted, time_zone, NIGHT)
-    day = _restarted(network, record, windows, fitted, time_zone, DAY)
-    grid = on_grid(record, residual)
+def figures(
+    network: Network, record: ZoneRecord, windows: Sequence[Window], found: Arrays, time_zone: str
+) -> dict[str, float]:
+    """The figures of Table 3 for the first measured node, and those of every parameter.
+
+    NaN where the recording has no such window or no held-out rest.
+    """
+    grid = np.full(int((record.times[-1] - record.times[0]) // record.period) + 1, np.nan)
+    restarted: dict[str, list[float]] = {NIGHTS: [], DAYS: []}
+    for (begin, end), start in zip(windows, found["initial_states"], strict=True):
+        piece = record.rows(Window(begin, end))
+        inputs, outputs = piece.matrix(network.inputs), piece.matrix(network.measured)
+        simulated = simulate_open_loop(network, found["theta"], start, inputs, record.period)
+        # With the rows that the record leaves out, so that a lag is a time.
+        grid[(piece.times[1:] - record.times[0]) // record.period] = (simulated - outputs)[1:, 0]
+        states = follow(network, found["theta"], record.period, outputs, inputs)
+        for name, hours in ((NIGHTS, NIGHT), (DAYS, DAY)):
+            for window in daily_windows(piece.times, record.period, time_zone, *hours):
+                rows = slice(*window)
+                again = simulate_open_loop(network, found["theta"], states[window.begin], inputs[rows], record.period)
+                error = np.abs(again - outputs[rows])[1:, 0]
+                if np.isfinite(outputs[window.begin, 0]) and np.isfinite(error).any():
+                    restarted[name].append(float(np.nanmean(error)))
     lags = int(LAG_HORIZON // record.period)
-    outputs = set(network.measured)
-    return TopologyScores(
-        train_rmse=rmse(residual),
-        full_mae=float(np.nanmean(np.abs(residual))),
-        night_mae=float(np.mean(night)) if night else np.nan,
-        day_mae=float(np.mean(day)) if day else np.nan,
-        held_out_rmse=float(fitted["held_out_rmse"]),
-        j_acf=residual_autocorrelation(grid, lags),
-        j_acf_last=residual_autocorrelation(grid, lags, first=lags),
-        j_xcorr={
-            channel: residual_cross_correlation(grid, on_grid(record, values), lags)
-            for channel, values in record.columns.items()
-            if channel not in outputs
-        },
-        nights=len(night),
-        days=len(day),
-    )
+    scores = (rmse(grid), float(np.nanmean(np.abs(grid))), *(_mean(errors) for errors in restarted.values()))
+    names = [parameter.name for parameter in network.parameters]
+    return {
+        **dict(zip(SCORES, (*scores, float(found["held_out_rmse"])), strict=True)),
+        "J_acf": residual_autocorrelation(grid, lags),
+        "its term at 6 h": residual_autocorrelation(grid, lags, first=lags),
+        **{name: float(len(errors)) for name, errors in restarted.items()},
+        **dict(zip(map(fitted, names), found["theta"].tolist(), strict=True)),
+        **dict(zip(map(at_bound, names), found["at_bound"].astype(float).tolist(), strict=True)),
+    }
 
 
-def open_loop_residual(network: Network, record: ZoneRecord, windows: Sequence[Window], fitted: Arrays) -> Array:
-    """Simulated minus measured (K,) [K]; NaN outside `windows`, at their first rows, and where nothing was measured."""
-    output = network.measured[0]
-    states = simulate(network, record.period, record.columns, windows, fitted["theta"], fitted["initial_states"])
-    residual: Array = states[:, network.nodes.index(output)] - record.columns[output]
-    residual[[begin for begin, _ in windows]] = np.nan
-    return residual
-
-
-def _restarted(
-    network: Network,
-    record: ZoneRecord,
-    windows: Sequence[Window],
-    fitted: Arrays,
-    time_zone: str,
-    hours: tuple[float, float],
-) -> list[float]:
-    """Mean absolute error [K] of each window of local `hours` in `windows`, restarted at its first sample from
-    the temperatures that follow the measurements."""
-    theta = fitted["theta"]
-    loop, inputs, outputs = (
-        OpenLoop(network, record.period),
-        record.matrix(network.inputs),
-        record.matrix(network.measured),
-    )
-    measured = outputs[:, 0]
-    found = []
-    for begin, end in windows:
-        states = follow(network, theta, record.period, outputs[begin:end], inputs[begin:end])
-        for window in daily_windows(record.times[begin:end], record.period, time_zone, *hours):
-            rows = slice(window.begin + begin, window.end + begin)
-            error = np.abs(loop.simulate(theta, states[window.begin], inputs[rows]).outputs[:, 0] - measured[rows])[1:]
-            if np.isfinite(measured[rows.start]) and np.isfinite(error).any():
-                found.append(float(np.nanmean(error)))
-    return found
-
-
-def on_grid(record: ZoneRecord, values: Array) -> Array:
-    """`values` (K,) with NaN in the rows that the record leaves out, so that a lag is a time."""
-    places = (record.times - record.times[0]) // record.period
-    grid = np.full(int(places[-1]) + 1, np.nan)
-    grid[places] = values
-    return grid
+def _mean(errors: Sequence[float]) -> float:
+    return float(np.mean(errors)) if errors else float("nan")

@@ -24,7 +24,7 @@ from replay.energyplus.recording import record
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
 from replay.experiments.request import Request
-from replay.experiments.study import Figures, Results, Run, Study
+from replay.experiments.study import Figures, Results, Study
 from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
 from replay.reports.kit.table import Cell, Table
@@ -93,7 +93,7 @@ def prepare(request: Request) -> Study:
     """The experiment for `request`; ReplayError where it cannot be made."""
     request.accept("seeds", "building")
     library()
-    runs = []
+    jobs = []
     buildings = [building_named(name) for name in request.building or BUILDINGS]
     recordings = [(building, heating) for building in buildings for heating in ("on-off", "proportional")]
     for seed in request.seeds_or(3):
@@ -103,9 +103,8 @@ def prepare(request: Request) -> Study:
             shared = [np.broadcast_to(each[:, None], found.air.shape) for each in (found.outdoor, found.irradiance)]
             rows = np.stack([found.air, shared[0], found.heating, shared[1]], axis=-1).transpose(1, 0, 2)
             for lie in (NOTHING, *LIES):
-                job = Job(f"{name} {heating} {lie}", seed, watch, Watch(rows, lie))
-                runs.append(Run(f"{name}, {heating}", lie, job))
-    return Study(tuple(runs), lambda run, arrays: _figures(run.contender, arrays), _report)
+                jobs.append(Job(f"{name}, {heating}", lie, seed, watch, Watch(rows, lie)))
+    return Study(jobs, lambda job, arrays: _figures(job.contender, arrays), _report)
 
 
 def watch(run: Watch) -> Arrays:

@@ -19,7 +19,7 @@ from replay.energyplus.plant import STEP
 from replay.errors import ReplayError
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.request import Request
-from replay.experiments.study import Figures, Results, Run, Study
+from replay.experiments.study import Figures, Results, Study
 from replay.lab.experiments.control.cases import UNDISTURBED, Scene
 from replay.lab.experiments.control.experiment import USUAL, WEATHER
 from replay.lab.experiments.control.loop import Moment, close
@@ -76,10 +76,7 @@ def prepare(request: Request) -> Study:
         for seed in request.seeds_or(1)
     ]
     return Study(
-        tuple(
-            Run(run.building, run.estimator, Job(f"{run.building} {run.estimator}", run.seed, mornings, run))
-            for run in runs
-        ),
+        tuple(Job(run.building, run.estimator, run.seed, mornings, run) for run in runs),
         lambda run, arrays: _figures(arrays),
         _report,
     )

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.network import presets
-from replay.experiments.series.following import follow, simulate
-from replay.scores.windows import Window
+from replay.experiments.series.following import follow
+from replay.simulated.simulate import simulate
 
 PERIOD = 300.0
 NETWORK = presets.network("titethria")
@@ -14,25 +14,19 @@ THETA = np.array([parameter.nominal for parameter in NETWORK.parameters])
 START = np.array([20.0, 17.0, 22.0])
 
 
-def inputs(steps: int = 600) -> dict[str, np.ndarray]:
-    k = np.arange(steps)
-    return {"T_out": 5.0 + 5.0 * np.sin(k / 40), "u_heat": 1500.0 * (k % 50 < 20)}
+ROWS = np.column_stack([5.0 + 5.0 * np.sin(np.arange(600) / 40), 1500.0 * (np.arange(600) % 50 < 20)])
 
 
 def test_a_perfect_measurement_leads_to_the_true_hidden_nodes() -> None:
-    columns = inputs()
-    rows = np.column_stack([columns["T_out"], columns["u_heat"]])
-    truth = simulate(NETWORK, PERIOD, columns, [Window(0, 600)], THETA, START[None])
-    followed = follow(NETWORK, THETA, PERIOD, truth[:, :1], rows)
+    truth = simulate(NETWORK, {}, ROWS, PERIOD, x0=START)
+    followed = follow(NETWORK, THETA, PERIOD, truth[:, :1], ROWS)
     assert np.abs(followed[0] - START).max() > 1.0, "hidden nodes start elsewhere"
     assert np.abs(followed[300:] - truth[300:]).max() < 0.25
 
 
 def test_where_nothing_was_measured_the_simulation_goes_on() -> None:
-    columns = inputs()
-    rows = np.column_stack([columns["T_out"], columns["u_heat"]])
     outputs = np.full((600, 1), np.nan)
     outputs[0] = 20.0
-    followed = follow(NETWORK, THETA, PERIOD, outputs, rows)
-    free = simulate(NETWORK, PERIOD, columns, [Window(0, 600)], THETA, followed[:1])
+    followed = follow(NETWORK, THETA, PERIOD, outputs, ROWS)
+    free = simulate(NETWORK, {}, ROWS, PERIOD, x0=followed[0])
     np.testing.assert_allclose(followed, free, atol=1e-9)

@@ -11,8 +11,7 @@ import pytest
 from estimator.errors import EstimatorError
 from estimator.network.presets import titeth
 from replay.errors import ReplayError
-from replay.experiments.jobs import Arrays, Job, fingerprint
-from replay.experiments.pool import load, run_file, run_jobs, save
+from replay.experiments.jobs import Arrays, Job, load, run_jobs, save
 
 
 class Payload(NamedTuple):
@@ -31,7 +30,7 @@ def double(payload: Payload) -> Arrays:
 
 
 def job(number: float, folder: Path | None = None) -> Job:
-    return Job(f"double {number:g}", 1, double, Payload(number, str(folder or "")))
+    return Job("double", f"{number:g}", 1, double, Payload(number, str(folder or "")))
 
 
 @pytest.mark.parametrize(
@@ -50,13 +49,13 @@ def job(number: float, folder: Path | None = None) -> Job:
     ],
 )
 def test_other_settings_have_another_fingerprint(one: object, other: object) -> None:
-    first, second = (fingerprint(Job("x", 1, double, payload)) for payload in (one, other))
-    assert first == fingerprint(Job("renamed", 2, double, one)), "the label changes no result"
+    first, second = (Job("x", "y", 1, double, payload).fingerprint for payload in (one, other))
+    assert first == Job("x", "renamed", 2, double, one).fingerprint, "the label changes no result"
     assert first != second
 
 
 def test_a_damaged_result_counts_as_missing(tmp_path: Path) -> None:
-    path = run_file(tmp_path, job(1))
+    path = job(1).file(tmp_path)
     assert load(path) is None
     save(path, {"a": np.arange(3)})
     assert load(path)["a"].tolist() == [0, 1, 2]
@@ -87,4 +86,4 @@ def test_a_run_that_fails_is_named_and_the_others_stay(workers: int, tmp_path: P
     run_jobs([job(1)], tmp_path, workers=1, progress=False)
     with pytest.raises(ReplayError, match=r"run 'double -1, seed 1': a number below 0"):
         run_jobs([job(1), job(-1), job(-1)], tmp_path, workers=workers, progress=False)
-    assert load(run_file(tmp_path, job(1))) is not None
+    assert load(job(1).file(tmp_path)) is not None

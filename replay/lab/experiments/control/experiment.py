@@ -5,12 +5,13 @@ from __future__ import annotations
 from replay.energyplus.buildings import building_named
 from replay.energyplus.library import library
 from replay.errors import ReplayError
+from replay.experiments.jobs import Job
 from replay.experiments.request import Request
-from replay.experiments.study import Run, Study
+from replay.experiments.study import Study
 from replay.lab.experiments.control.cases import CASES, START, UNDISTURBED, Scene
 from replay.lab.experiments.control.controllers import EARLY
 from replay.lab.experiments.control.report import figures, report
-from replay.lab.experiments.control.runs import CONTROLLERS, PERFECT, THERMOSTAT, ControlRun, control_job
+from replay.lab.experiments.control.runs import CONTROLLERS, PERFECT, THERMOSTAT, ControlRun, run_control, with_example
 from replay.lab.experiments.control.scores import Scores
 
 WEATHER = {"timber": "denver", "house": "chicago", "office": "chicago"}
@@ -42,11 +43,15 @@ def prepare(request: Request) -> Study:
         for case in cases
         for seed in request.seeds_or(SEEDS)
     ]
-    runs = tuple(Run(named(scene), setting(run), control_job(run)) for scene in every for run in _runs(scene))
+    jobs = [
+        Job(named(scene), setting(run), scene.seed, run_control, with_example(run))
+        for scene in every
+        for run in _runs(scene)
+    ]
     scenes = {named(scene): scene for scene in reversed(every)}
     return Study(
-        runs,
-        lambda run, arrays: figures(Scores(*arrays["scores"].tolist())),
+        jobs,
+        lambda _, arrays: figures(Scores(*arrays["scores"].tolist())),
         lambda results: report(results, {name: scenes[name] for name in results.recordings}, every),
     )
 

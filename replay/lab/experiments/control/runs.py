@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.offline.least_squares import Segment
 from replay.energyplus.plant import STEP
-from replay.experiments.jobs import Arrays, Job
+from replay.experiments.jobs import Arrays
 from replay.experiments.series.following import frozen
 from replay.experiments.series.least_squares import LeastSquaresRun, fit
 from replay.experiments.series.recorded_zone import held
@@ -42,15 +42,13 @@ class ControlRun(NamedTuple):
     example: str = ""
 
 
-def control_job(run: ControlRun) -> Job:
-    """The job of `run`; its arrays are those of `Lived` and, as `scores` (7,), of `Scores`."""
-    scene = run.scene
-    label = f"{scene.building} {scene.case} {run.controller} {run.margin:+.2f} K {run.early / 60:.0f} min"
-    return Job(label, scene.seed, run_control, run._replace(example=customer.PATH.read_text(encoding="utf-8")))
+def with_example(run: ControlRun) -> ControlRun:
+    """`run`, which depends on that text."""
+    return run._replace(example=customer.PATH.read_text(encoding="utf-8"))
 
 
 def run_control(run: ControlRun) -> Arrays:
-    """The arrays of `control_job`."""
+    """The arrays of `Lived` and, as `scores` (7,), those of `Scores`."""
     lived = _lived(run)
     return {**lived._asdict(), "scores": np.array(scores(run.scene, lived))}
 

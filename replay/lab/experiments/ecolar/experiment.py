@@ -13,7 +13,7 @@ from replay.experiments.progress import steps
 from replay.experiments.request import Request, names_of
 from replay.experiments.series.filtering import FilterRun, Series, Trace
 from replay.experiments.series.least_squares import LeastSquaresRun, segments_of
-from replay.experiments.study import Contender, Figures, Results, Run, Study
+from replay.experiments.study import Contender, Figures, Results, Study
 from replay.lab.experiments.ecolar.nights import DAYTIME, NightRun, score_nights
 from replay.lab.experiments.ecolar.standins import PERIODS, configuration, of_standin
 from replay.lab.experiments.published import PUBLISHED
@@ -48,7 +48,7 @@ def prepare(request: Request) -> Study:
     request.accept("data", "seeds", "days", "particles")
     network = ecolar().validate()
     periods = dict(_read(request))
-    runs = []
+    jobs = []
     for name, series in periods.items():
         for seed in request.seeds_or(SEEDS):
             entered: dict[str, FilterRun | LeastSquaresRun] = {
@@ -57,13 +57,12 @@ def prepare(request: Request) -> Study:
             }
             segments = segments_of(series, _SHORTEST_SEGMENT)
             entered[LEAST_SQUARES] = LeastSquaresRun(network, PERIOD, segments, _STARTS, seed)
-            runs += [
-                Run(name, label, Job(f"{name} {label}", seed, score_nights, NightRun(run, series, ZONE)))
-                for label, run in entered.items()
+            jobs += [
+                Job(name, label, seed, score_nights, NightRun(run, series, ZONE)) for label, run in entered.items()
             ]
     return Study(
-        tuple(runs),
-        lambda run, arrays: figures(periods[run.recording], arrays),
+        jobs,
+        lambda job, arrays: figures(periods[job.recording], arrays),
         lambda results: _report(results, bool(request.data), periods),
     )
 

@@ -15,7 +15,7 @@ from replay.experiments.progress import steps
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Series, Trace, run_filter
 from replay.experiments.series.least_squares import LeastSquaresRun, fit, segments_of
-from replay.experiments.study import Contender, Figures, Results, Run, Study
+from replay.experiments.study import Contender, Figures, Results, Study
 from replay.lab.experiments.published import CHANNELS
 from replay.reports.kit.report import Report
 from replay.scores.intervals import Mask, interval_scores, rmse
@@ -81,30 +81,31 @@ def study(
     """
     request.accept("data", "seeds", "days", "particles")
     cases = {seed: simulated_case(request, seed) for seed in steps(request.seeds_or(seeds), "simulating")}
-    runs = tuple(
-        Run(recording, one.label, _job(recording, case, seed, one.with_particles(request.particles)))
+    jobs = [
+        _job(recording, case, seed, one.with_particles(request.particles))
         for recording, contenders in entered.items()
         for one in contenders
         for seed, case in cases.items()
-    )
+    ]
 
-    def measure(run: Run, arrays: Arrays) -> Figures:
-        case = cases[run.job.seed]
-        if run.contender == LEAST_SQUARES:
+    def measure(job: Job, arrays: Arrays) -> Figures:
+        case = cases[job.seed]
+        if job.contender == LEAST_SQUARES:
             return learned(case, arrays["theta"])
         return figures(case, Trace(**arrays))
 
-    return Study(runs, measure, lambda results: written(results, Ready(request, cases)))
+    return Study(jobs, measure, lambda results: written(results, Ready(request, cases)))
 
 
 def _job(recording: str, case: Case, seed: int, contender: Contender) -> Job:
-    label, (own, series) = f"{recording} {contender.label}", (NETWORK.with_fixed(contender.held), case.series)
-    if contender.label == LEAST_SQUARES:
-        return Job(label, seed, fit, LeastSquaresRun(NETWORK, PERIOD, segments_of(series), _STARTS, seed))
-    if contender.label == KNOWING:
+    label, own, series = contender.label, NETWORK.with_fixed(contender.held), case.series
+    if label == LEAST_SQUARES:
+        return Job(recording, label, seed, fit, LeastSquaresRun(NETWORK, PERIOD, segments_of(series), _STARTS, seed))
+    if label == KNOWING:
         own = with_known_gain(own, NETWORK.measured[0], GAIN_CHANNEL)
         series = series._replace(inputs=np.column_stack([series.inputs, case.truth.unmeasured_gain]))
-    return Job(label, seed, run_filter, FilterRun(contender.estimator, contender.options, own, PERIOD, series, seed))
+    run = FilterRun(contender.estimator, contender.options, own, PERIOD, series, seed)
+    return Job(recording, label, seed, run_filter, run)
 
 
 def key(convention: str, score: str, regime: str = OVERALL) -> str:

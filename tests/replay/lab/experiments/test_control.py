@@ -11,8 +11,8 @@ from support.energyplus import needs_energyplus
 from support.tables import rows_of
 
 from replay.energyplus.recording import record
-from replay.experiments.jobs import Arrays
-from replay.experiments.study import Results, Run
+from replay.experiments.jobs import Arrays, Job
+from replay.experiments.study import Results
 from replay.lab.experiments.control import customer
 from replay.lab.experiments.control.cases import (
     PARTIES,
@@ -32,7 +32,6 @@ from replay.lab.experiments.control.runs import (
     THERMOSTAT,
     UNTRUSTING,
     ControlRun,
-    control_job,
     run_control,
 )
 from replay.lab.experiments.control.scores import Scores, cost_at, share_of_the_way
@@ -120,7 +119,7 @@ def test_the_report_shows_every_controller(runs: Mapping[str, Arrays], tmp_path:
     found |= {f"{THERMOSTAT} +0.30 K 60 min": dearer, f"{PERFECT} -0.30 K 60 min": cheaper}
     scenes = {"timber, undisturbed": SHORT, "timber, parties": SHORT._replace(case=PARTIES)}
     planned = [
-        Run(name, label, control_job(ControlRun(scene, THERMOSTAT)))
+        Job(name, label, 1, run_control, ControlRun(scene, THERMOSTAT))
         for name, scene in scenes.items()
         for label in found
     ]

@@ -35,14 +35,14 @@ def test_the_truth_has_alarms_and_days(rooms):
 @needs_energyplus
 def test_the_report_has_a_row_for_every_lie():
     study = prepare(Request(building=("timber",), seeds=(1,)))
-    assert len(study.runs) == 2 * (1 + len(LIES))
+    assert len(study.jobs) == 2 * (1 + len(LIES))
     figures = [
         study.measure(run, {"alarms": np.array(1), "days": np.array(30.0)})
         if run.contender == NOTHING
         else study.measure(run, {"any": np.array([2.0, 20.0, np.nan]), "named": np.array([20.0, 60.0, np.nan])})
-        for run in study.runs
+        for run in study.jobs
     ]
-    lies, truth = study.written(Results(study.runs, figures)).tables
+    lies, truth = study.written(Results(study.jobs, figures)).tables
     assert [row[0] for row in lies.rows] == list(LIES)
     assert lies.rows[0][1:] == pytest.approx((1 / 3, 2 / 3, 2 / 3, 1 / 3))
     assert [row[-1].mean for row in truth.rows] == [2.0, 2.0]
