@@ -8,28 +8,21 @@ from estimator.arrays import Array
 
 
 def residual_autocorrelation(residual: Array, lags: int, first: int = 1) -> float:
-    """J_acf (40): sum of the squared autocorrelations of `residual` (K,) at lags `first` to `lags` steps.
+    """J_acf (40): sum of the squared autocorrelations of `residual` (K,), NaN where missing, at lags `first` to `lags`.
 
-    The paper sums up to six hours; it does not say from which lag. NaN for a constant residual or one without lags.
+    The paper sums up to six hours; it does not say from which lag. Correlations are normalised with the variance of the
+    whole series, and each lag averages over the pairs that are complete. NaN for a constant residual or one without
+    lags.
     """
-    return residual_cross_correlation(residual, residual, lags, first)
-
-
-def residual_cross_correlation(residual: Array, channel: Array, lags: int, first: int = 0) -> float:
-    """J_xcorr,u (41): sum of the squared correlations of residual e_k with u_(k - lag), lags `first` to `lags` steps.
-
-    Both (K,); NaN where either is missing. Correlations are normalised with the variances of the whole series, and
-    each lag averages over the pairs that are complete.
-    """
-    e, u = residual - np.nanmean(residual), channel - np.nanmean(channel)
-    scale = np.sqrt(np.nanmean(e**2) * np.nanmean(u**2))
+    e = residual - np.nanmean(residual)
+    scale = np.sqrt(np.nanmean(e**2) * np.nanmean(e**2))
     if not scale > 0.0 or len(e) <= lags:
         return float("nan")
     total = 0.0
     for lag in range(first, lags + 1):
-        products = e[lag:] * u[: len(u) - lag]
+        products = e[lag:] * e[: len(e) - lag]
         complete = products[~np.isnan(products)]
         if complete.size:
             # Over all rows, not over the pairs of this lag: the biased estimate, whose correlations stay within 1.
-            total += float(complete.sum() / np.count_nonzero(~np.isnan(e * u)) / scale) ** 2
+            total += float(complete.sum() / np.count_nonzero(~np.isnan(e)) / scale) ** 2
     return total

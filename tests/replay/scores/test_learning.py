@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from replay.scores.learning import area_under_roc, parasitic_learning_index, update_magnitudes
-from replay.scores.residuals import residual_autocorrelation, residual_cross_correlation
+from replay.scores.residuals import residual_autocorrelation
 
 NAN = np.nan
 
@@ -40,14 +40,6 @@ def test_autocorrelation_of_a_sine_follows_its_cosine() -> None:
     assert residual_autocorrelation(residual, lags) == pytest.approx(expected, rel=2 * lags / count)
     later = sum(np.cos(2 * np.pi * lag / cycle) ** 2 for lag in range(10, lags + 1))
     assert residual_autocorrelation(residual, lags, first=10) == pytest.approx(later, rel=2 * lags / count)
-
-
-def test_cross_correlation_finds_the_lag_of_the_channel() -> None:
-    channel = np.random.default_rng(4).standard_normal(20_000)
-    residual = np.roll(channel, 3)
-    noise = 5 * np.sqrt(2 * 6) / 20_000 + 0.01
-    assert residual_cross_correlation(residual, channel, 5) == pytest.approx(1.0, abs=noise)
-    assert residual_cross_correlation(residual, channel, 2) == pytest.approx(0.0, abs=noise)
 
 
 def test_correlations_by_hand_with_a_missing_row() -> None:
