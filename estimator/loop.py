@@ -29,12 +29,12 @@ from estimator.diagnosis.record import Record, no_record, with_sample
 from estimator.diagnosis.telemetry import lies
 from estimator.diagnosis.telemetry.earlier import Earlier, differ, doubtful_since, kept, known_at
 from estimator.diagnosis.telemetry.recent import Recent, inputs_at, nothing_recent, with_measured
-from estimator.foresight import Day, foreseen, no_day, with_inputs
+from estimator.foresight import Day, foreseen, no_day, strays, with_inputs
 from estimator.heat.known import KnownHeat
 from estimator.neighbours import Experience, begun
 from estimator.thermostat import thermostat as thermostats
 from estimator.thermostat.futures import NOTHING_KNOWN, ToCome
-from estimator.thermostat.live import Live, LiveForecasts
+from estimator.thermostat.live import Ahead, Live, LiveForecasts
 from estimator.thermostat.thermostat import Thermostat, no_thermostat
 from estimator.types import Estimator, Mixture, Outcome, Posterior
 from estimator.verification.as_issued import AsIssued, Issued
@@ -304,9 +304,8 @@ class Loop:
         )
         foreseeing = self._foreseeing(carried.day, inputs, time)
 
-        def ahead(steps: int) -> tuple[Array, Array]:
-            rows = foreseeing(steps)
-            return rows, self.with_heat_of_yesterday(carried, time + period, rows)
+        def ahead(steps: int) -> Ahead:
+            return self.ahead(carried, time + period, foreseeing(steps))
 
         issues = self._issues(time + period)
         live = self.live.advanced(live, carried.standing.state, known, inputs, time + period, ahead if issues else None)
@@ -336,16 +335,17 @@ class Loop:
         seldom = time < self.history_end - _LAST_WEEKS and time // 3600 % _SELDOM != self._seed % _SELDOM
         return issued_at(time, self.estimator.period, self._seed) and not seldom
 
-    def with_heat_of_yesterday(self, carried: Carried, start: int, rows: Array) -> Array:
-        """Drive `rows` (h, n_u + m) from `start` [UTC s] on with the heat [W] of the day before, where it was
-        measured."""
+    def ahead(self, carried: Carried, start: int, rows: Array, known: Sequence[str] = ()) -> Ahead:
+        """Drive `rows` (h, n_u + m) from `start` [UTC s] on, in which the inputs `known` are not foreseen by the zone
+        itself; beside them those with the heat [W] of the day before, where it was measured."""
         network, ahead = self.estimator.network, self.estimator.period * np.arange(len(rows), dtype=np.float64)
         then = inputs_at(carried.recent, start + ahead % _DAY - _DAY)
         planned = rows.copy()
         for column, channel in enumerate(network.inputs):
             if channel in network.heat_channels and network.channel_unit(channel) == "W":
                 planned[:, column] = np.where(np.isnan(then[:, column]), rows[:, column], then[:, column])
-        return planned
+        unsure = [channel not in known for channel in network.inputs]
+        return Ahead(rows, planned, np.where(unsure, strays(network, carried.day), 0.0))
 
     def _foreseeing(self, day: Day, inputs: Array, time: int) -> Callable[[int], Array]:
         """What drives the estimator over a number of steps after the sample at `time` [UTC s], as it is foreseen."""

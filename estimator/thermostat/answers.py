@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from estimator.arrays import Array, Indices
+from estimator.thermostat.live import Heat
 from estimator.types import Mixture
 
 JOULES = 3.6e6
@@ -26,6 +27,8 @@ class Amounts(NamedTuple):
     """(N, B)."""
     weights: Array
     """(N, B): those of each span add up to 1."""
+    weather: Indices
+    """(N,): whoever has the same number has the same weather; -1 for what does not ask for it."""
 
     def mean(self) -> Array:
         """(B,)."""
@@ -43,16 +46,16 @@ class Amounts(NamedTuple):
         return found
 
 
-def energy(heat: Array, weights: Array, period: float, spans: Indices, price: Array | None = None) -> Amounts:
+def energy(heat: Heat, period: float, spans: Indices, price: Array | None = None) -> Amounts:
     """The energy [kWh] that goes into a zone in each span; what it costs at a `price` (h,) of a kWh in each step.
 
-    `heat` (N, h, L) [W] is what each of L inputs gives over each of h steps of `period` s, in N futures with `weights`
-    (h, N); `spans` (h,) numbers the span of every step, from 0 on. Heat that is taken, by a cooler, counts as well.
+    `heat` is that of h steps of `period` s; `spans` (h,) numbers the span of every step, from 0 on. Heat that is taken,
+    by a cooler, counts as well.
     """
-    each = np.abs(heat).sum(axis=2) * period / JOULES
+    each = np.abs(heat.values).sum(axis=2) * period / JOULES
     if price is not None:
         each = each * price
-    return Amounts(_summed(each, spans), _means(weights.T, spans))
+    return Amounts(_summed(each, spans), _means(heat.weights.T, spans), heat.weather)
 
 
 def below(temperatures: Array, setpoints: Array, weights: Array, period: float, tolerance: float) -> Amounts:
@@ -60,19 +63,19 @@ def below(temperatures: Array, setpoints: Array, weights: Array, period: float, 
     by more than `tolerance` [K]; steps without a set-point (NaN) do not count."""
     cold = (temperatures < setpoints - tolerance).astype(np.float64) * (period / 3600.0)
     whole = np.zeros(temperatures.shape[1], dtype=np.int64)
-    return Amounts(_summed(cold, whole), _means(weights.T, whole))
+    return Amounts(_summed(cold, whole), _means(weights.T, whole), np.full(len(cold), -1))
 
 
 def difference(one: Amounts, other: Amounts) -> Amounts:
     """`one` less `other`, future by future: both must be of the same futures, under two plans."""
     weights = 0.5 * (one.weights + other.weights)
-    return Amounts(one.values - other.values, weights)
+    return one._replace(values=one.values - other.values, weights=weights)
 
 
 def total(amounts: Amounts) -> Amounts:
     """(N, 1): the spans of each future together."""
     weights = amounts.weights.mean(axis=1, keepdims=True)
-    return Amounts(amounts.values.sum(axis=1, keepdims=True), weights)
+    return amounts._replace(values=amounts.values.sum(axis=1, keepdims=True), weights=weights)
 
 
 def probability_above(mixture: Mixture, value: float, output: int = 0) -> float:

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from estimator.arrays import Array
+from estimator.arrays import Array, Indices
+from estimator.foresight import Astray
 from estimator.kernels.draws import Draws, Purpose
 from estimator.statespace.matrices import StateSpace, of_draws
 from estimator.statespace.simulate import Driving
@@ -46,6 +47,8 @@ class Paths(NamedTuple):
     """(K, h, L): what each law's input was over each step, in its unit."""
     variance: Array
     """(K, n_y): of the measurement noise [K^2]."""
+    weather: Indices
+    """(K,): as `estimator.foresight.Astray` has it; -1 where it is what is foreseen."""
 
     def mixtures(self) -> Mixtures:
         """The measured outputs now and after each step: h + 1 mixtures."""
@@ -69,6 +72,7 @@ def closed_loop(
     *,
     noise: Noise | None = None,
     numbers: Array | None = None,
+    astray: Astray | None = None,
 ) -> Paths:
     """The futures of `models` in which `laws` keep the `setpoints` (h,) [degC], NaN where nobody sets one.
 
@@ -78,6 +82,7 @@ def closed_loop(
         before: (n_u,): inputs of the step before, from which on-off laws know whether they are on.
         noise: by default none.
         numbers: (L, 3, K): the laws' numbers in each draw; by default those of `laws` in all.
+        astray: by how much the inputs of each draw differ from `rows`; by default they do not.
     """
     count, places = len(models.state), laws.column.astype(np.int64)
     noise = noise or no_noise(models, len(rows))
@@ -90,7 +95,13 @@ def closed_loop(
     driven = np.zeros(rows.shape[1])
     driven[places] = 1.0
     # Without the inputs that obey, whose share each draw adds for itself; with them where nobody sets a set-point.
-    idle = np.einsum("kij,hj->khi", models.b, rows * np.where(np.isnan(setpoints)[:, None], 1.0, 1.0 - driven))
+    idle = _driven(models.b, rows * np.where(np.isnan(setpoints)[:, None], 1.0, 1.0 - driven))
+    if astray is not None:
+        for column, shift in astray.shifts:
+            idle += shift[:, : len(rows), None] * models.b[:, None, :, column]
+        if len(astray.sunny):
+            sunny = _driven(models.b[:, :, astray.sunny], rows[:, astray.sunny])
+            idle += astray.sun[:, : len(rows), None] * sunny
     _run(
         np.ascontiguousarray(models.a),
         np.ascontiguousarray(models.b[:, :, places]) * laws.sign,
@@ -109,7 +120,15 @@ def closed_loop(
         temperatures,
         heat,
     )
-    return Paths(models.weights, temperatures, heat * laws.sign, np.diagonal(models.r, axis1=1, axis2=2).copy())
+    weather = np.full(count, -1) if astray is None else astray.weather
+    noise_variance = np.diagonal(models.r, axis1=1, axis2=2).copy()
+    return Paths(models.weights, temperatures, heat * laws.sign, noise_variance, weather)
+
+
+def _driven(response: Array, rows: Array) -> Array:
+    """(K, h, n): what `rows` (h, m) bring to each draw by its `response` (K, n, m)."""
+    count, size, width = response.shape
+    return (response.reshape(count * size, width) @ rows.T).reshape(count, size, len(rows)).transpose(0, 2, 1)
 
 
 class Start(NamedTuple):
@@ -120,15 +139,21 @@ class Start(NamedTuple):
     noise: Noise
     numbers: Array
     """(L, 3, K)."""
+    astray: Astray | None
 
     def run(self, laws: Laws, setpoints: Array, rows: Array, before: Array) -> Paths:
         """`closed_loop` from here, over at most as many steps as there is noise."""
         noise = Noise(*(each[: len(rows)] for each in self.noise))
-        return closed_loop(self.models, laws, setpoints, rows, before, noise=noise, numbers=self.numbers)
+        return closed_loop(
+            self.models, laws, setpoints, rows, before, noise=noise, numbers=self.numbers, astray=self.astray
+        )
 
 
-def started(draws: ModelDraws, period: float, laws: Laws, steps: int, *, seed: int, origin: int) -> Start:
-    """`draws` with noise as `sampled_paths` has it, and numbers of the `laws` drawn from what is known of them.
+def started(
+    draws: ModelDraws, period: float, laws: Laws, steps: int, *, seed: int, origin: int, astray: Astray | None = None
+) -> Start:
+    """`draws` with noise as `sampled_paths` has it, and numbers of the `laws` drawn from what is known of them; by
+    default no input goes `astray`.
 
     `seed` and `origin`, the number of the step now, are all that the random numbers depend on.
     """
@@ -145,7 +170,7 @@ def started(draws: ModelDraws, period: float, laws: Laws, steps: int, *, seed: i
     # The matrices hold the chance that a gain stays on; here it does, or does not.
     transition = models.a.copy()
     transition[:, :, states:] /= draws.gain_stays or 1.0
-    return Start(models._replace(a=transition, state=start), Noise(process, alive), _drawn(laws, now, count))
+    return Start(models._replace(a=transition, state=start), Noise(process, alive), _drawn(laws, now, count), astray)
 
 
 class LawRoom:

@@ -25,11 +25,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import Array, Indices
 from estimator.bank.bank import Bank
 from estimator.bank.coverage import Widths, no_widths, with_place
 from estimator.bank.mixing import mixed, mixed_futures, stretched
 from estimator.bank.weights import COMPONENTS, Costs, between, costs_of, no_costs, weights, with_cost
+from estimator.foresight import astray
 from estimator.thermostat import held
 from estimator.thermostat.closed_loop import Paths, Start, started
 from estimator.thermostat.futures import GUESSES, NOTHING_KNOWN, ToCome, guesses
@@ -92,6 +93,9 @@ _LEAST_TRUSTED = 0.1
 """What a member weighs at least before it has proved anything under plans: the bank knows members by the heat that
 followed, where a room that warms up or cools down is no harder than one that is held."""
 
+_APART = 23
+"""Between the numbers of the futures of the weather with which two members begin."""
+
 _BEYOND = 3.0
 """K beyond what a room has seen that a future is still believed."""
 
@@ -112,6 +116,8 @@ class Issue(NamedTuple):
     """(n_u,): inputs in force at the issue."""
     foreseen: Array
     """(hours, n_d): hourly means of the drive rows that were foreseen."""
+    strays: Array
+    """(n_u,): as `estimator.foresight.strays` says of them."""
     trusted: Array
     """(H, E): weights of the members before they proved anything under plans."""
     shares: Array
@@ -143,15 +149,35 @@ class Live(NamedTuple):
     """(H, N): of the last forecasts under a plan that had the room held [K], the newest last."""
 
 
+class Heat(NamedTuple):
+    """What N futures of h steps call for."""
+
+    values: Array
+    """(N, h, n_laws): what each law's input gives over each step."""
+    weights: Array
+    """(h, N): of the futures, at each step."""
+    weather: Indices
+    """(N,): as `estimator.thermostat.closed_loop.Paths` has it."""
+
+
+class Ahead(NamedTuple):
+    """What is foreseen of h steps."""
+
+    rows: Array
+    """(h, n_d): drive rows, with the heat held where nobody plans it."""
+    yesterday: Array
+    """(h, n_d): the same with the heat of the day before."""
+    strays: Array
+    """(n_u,): how far the inputs may come to stray from them; 0 for what is known."""
+
+
 class Fan(NamedTuple):
     """A forecast of L times."""
 
     outputs: Mixtures
     """Of the outputs at the state's time, and after each of L - 1 steps."""
-    weights: Array
-    """(L - 1, N): of the values of `heat`, at each step."""
-    heat: Array
-    """(N, L - 1, n_laws): what each law's input gives over each step."""
+    heat: Heat
+    """Of L - 1 steps."""
     chances: Array
     """(L - 1, F): what each future weighs at each step; no column under a plan."""
     simulated: int
@@ -227,36 +253,35 @@ class LiveForecasts:
         return bool(self._members and len(thermostat.laws.column))
 
     def planned(
-        self, live: Live, state: Any, thermostat: Thermostat, setpoints: Array, rows: Array, before: Array, time: int
+        self, live: Live, state: Any, thermostat: Thermostat, setpoints: Array, ahead: Ahead, before: Array, time: int
     ) -> Fan | None:
-        """The forecast from `state` at `time` [UTC s] on under planned `setpoints` (h,) [degC] and drive rows (h, n_d);
-        None where no member has physics, or no heat obeys a set-point. `before` (n_u,) are the inputs in force."""
-        laws = thermostat.laws
+        """The forecast from `state` at `time` [UTC s] on under planned `setpoints` (h,) [degC] and what is foreseen
+        `ahead`; None where no member has physics, or no heat obeys a set-point. `before` (n_u,) are the inputs in
+        force."""
+        laws, rows = thermostat.laws, ahead.rows
         if not self.obeyed(thermostat) or not len(rows):
             return None
         leads = np.arange(2, len(rows) + 2, dtype=np.float64)
         shares = self._shares(live, state)
-        starts = self._started(state, laws, shares, len(rows), _DRAWS, time // round(self._estimator.period))
+        starts = self._started(state, laws, shares, ahead, _DRAWS, time // round(self._estimator.period))
         outputs, paths, own = self._under(live, starts, shares, thermostat, setpoints, rows, before, leads)
-        heat, chances = _heat(paths, own)
-        return Fan(outputs.after(self._now(state)), chances, heat, np.empty((len(rows), 0)), outputs.weights.shape[1])
+        everyone = outputs.weights.shape[1]
+        return Fan(outputs.after(self._now(state)), _heat(paths, own), np.empty((len(rows), 0)), everyone)
 
     def unplanned(
         self,
         live: Live,
         state: Any,
         thermostat: Thermostat,
-        rows: Array,
-        yesterday: Array,
+        ahead: Ahead,
         before: Array,
         time: int,
     ) -> Fan:
-        """The forecast from `state` at `time` [UTC s] on, where nobody plans: `rows` (h, n_d) hold the heat, and
-        `yesterday` (h, n_d) is the same with that of the day before."""
-        leads = np.arange(2, len(rows) + 2, dtype=np.float64)
+        """The forecast from `state` at `time` [UTC s] on, where nobody plans."""
+        leads = np.arange(2, len(ahead.rows) + 2, dtype=np.float64)
         chances = between(self._chances(live, thermostat).T, self.leads, leads)
         chosen = chances.max(axis=1) >= _NEGLIGIBLE
-        futures = self._futures(live, state, thermostat, (rows, yesterday), before, time, chosen, _DRAWS)
+        futures = self._futures(live, state, thermostat, ahead, before, time, chosen, _DRAWS)
         chances = np.where(chosen[:, None], chances, 0.0)
         chances /= chances.sum(axis=0)
         scales = self._scales(live, UNPLANNED, leads)
@@ -267,10 +292,7 @@ class LiveForecasts:
         of_heat = chances[heated] / np.maximum(chances[heated].sum(axis=0), 1e-12)
         return Fan(
             outputs=outputs.after(self._now(state)),
-            weights=np.concatenate(
-                [share[:, None] * futures[place][1][1] for share, place in zip(of_heat, heated, strict=True)], axis=1
-            ),
-            heat=np.concatenate([futures[place][1][0] for place in heated]),
+            heat=_joined([futures[place][1] for place in heated], of_heat),
             chances=chances.T,
             simulated=sum(futures[place][0].weights.shape[1] for place in heated),
         )
@@ -313,7 +335,8 @@ class LiveForecasts:
         parts, own, of = [], [], []
         for place, member in enumerate(self._members):
             draws = _draws(member.network, issue.drawn[place])
-            start, own_rows = self._start(draws, place, laws, steps, int(issue.step)), rows[:, self._columns[place]]
+            own_rows = rows[:, self._columns[place]]
+            start = self._start(draws, place, laws, steps, issue.strays, int(issue.step))
             paths = start.run(laws, setpoints, own_rows, issue.before)
             end, believed = paths.mixtures().at(-1), _believed(paths, setpoints, memory)[-1]
             parts.append(Mixture(believed / believed.sum(), end.means[:1], end.sds[:1]))
@@ -370,12 +393,12 @@ class LiveForecasts:
         thermostat: Thermostat,
         before: Array,
         time: int,
-        ahead: Callable[[int], tuple[Array, Array]] | None,
+        ahead: Callable[[int], Ahead] | None,
     ) -> Live:
         """One period on under the inputs `before` (n_u,) and the newest set-point, to `state` at `time` [UTC s].
 
-        Where both questions are answered now, to be held to what comes, `ahead(h)` gives the drive rows of h steps that
-        hold the heat, and those with the heat of the day before; otherwise it is None.
+        Where both questions are answered now, to be held to what comes, `ahead(h)` is what is foreseen of h steps;
+        otherwise it is None.
         """
         step, longest = live.step + 1, max(self.leads, default=0)
         issues = tuple(issue for issue in live.issues if step - int(issue.step) < longest)
@@ -421,7 +444,10 @@ class LiveForecasts:
                 {name: values[row] for name, values in _under(f"drawn.{place}.", arrays).items()}
                 for place in range(len(self._members))
             )
-            issues.append(Issue(drawn=drawn, **{name: arrays[f"issues.{name}"][row] for name in _PLAIN}))
+            # What was issued before it was known that foresight errs took it for exact.
+            exact = {"strays": np.zeros_like(arrays["issues.before"][row])}
+            told = {name: arrays[f"issues.{name}"][row] for name in _PLAIN if f"issues.{name}" in arrays}
+            issues.append(Issue(drawn=drawn, **(exact | told)))
         return Live(
             step=int(arrays["step"]),
             setpoints=arrays["setpoints"],
@@ -441,12 +467,12 @@ class LiveForecasts:
         step: int,
         state: Any,
         thermostat: Thermostat,
-        rows: tuple[Array, Array],
+        ahead: Ahead,
         before: Array,
         time: int,
     ) -> Issue:
         chances = self._chances(live, thermostat)
-        everything = self._futures(live, state, thermostat, rows, before, time, chances[0] > 0.0, _TRIED)
+        everything = self._futures(live, state, thermostat, ahead, before, time, chances[0] > 0.0, _TRIED)
         futures = np.full((len(self.leads), len(FUTURES), 3, COMPONENTS), np.nan)
         for place, (mixtures, _) in everything.items():
             for horizon, lead in enumerate(self.leads):
@@ -461,7 +487,8 @@ class LiveForecasts:
             step=np.array(step, dtype=np.int64),
             drawn=tuple(_arrays(one) for one in drawn if one is not None),
             before=before,
-            foreseen=_hourly(rows[0], self._estimator.period),
+            foreseen=_hourly(ahead.rows, self._estimator.period),
+            strays=ahead.strays,
             trusted=self._trusted(state).T,
             shares=self._shares(live, state).T,
             futures=futures,
@@ -475,33 +502,32 @@ class LiveForecasts:
         live: Live,
         state: Any,
         thermostat: Thermostat,
-        ahead: tuple[Array, Array],
+        ahead: Ahead,
         before: Array,
         time: int,
         chosen: Array,
         count: int,
-    ) -> dict[int, tuple[Mixtures, tuple[Array, Array]]]:
-        """Of the futures that are `chosen` (F,), by their place: the outputs after each row, and the heat of each step
-        (N, h, n_laws) with its weights (h, N). The rows `ahead` hold the heat, or repeat that of the day before."""
-        rows, yesterday = ahead
+    ) -> dict[int, tuple[Mixtures, Heat]]:
+        """Of the futures that are `chosen` (F,), by their place: the outputs after each row, and the heat."""
+        rows = ahead.rows
         period, steps, laws, memory = self._estimator.period, len(rows), thermostat.laws, thermostat.memory
         times = time + period * np.arange(steps, dtype=np.float64)
         leads = np.arange(2, steps + 2, dtype=np.float64)
-        found: dict[int, tuple[Mixtures, tuple[Array, Array]]] = {}
+        found: dict[int, tuple[Mixtures, Heat]] = {}
         if chosen[: len(GUESSES)].any():
             shares = self._shares(live, state)
-            starts = self._started(state, laws, shares, steps, count, time // round(period))
+            starts = self._started(state, laws, shares, ahead, count, time // round(period))
             told = guesses(memory, thermostat.setpoint, times, self._to_come)
             for place in np.flatnonzero(chosen[: len(GUESSES)]).tolist():
                 outputs, paths, own = self._under(live, starts, shares, thermostat, told[place], rows, before, leads)
                 found[place] = outputs, _heat(paths, own)
         for place in (np.flatnonzero(chosen[len(GUESSES) :]) + len(GUESSES)).tolist():
-            planned = yesterday if FUTURES[place] == "heat-of-yesterday" else rows
+            planned = ahead.yesterday if FUTURES[place] == "heat-of-yesterday" else rows
             asked = state if self._bank is None or place != _BY_REGRESSION else self._bank.by_regression(state)
             issue = self._estimator.issue(asked, count if count == _TRIED else self._estimator.forecast_draws)
             outputs = self._estimator.unfold(issue, planned).during(slice(1, None))
             heat = planned[None, :, laws.column.astype(np.int64)]
-            found[place] = outputs, (heat, np.ones((steps, 1)))
+            found[place] = outputs, Heat(heat, np.ones((steps, 1)), np.array([-1]))
         return found
 
     def _under(
@@ -534,19 +560,21 @@ class LiveForecasts:
         return held.strayed(outputs, states, scales, errors), paths, own
 
     def _started(
-        self, state: Any, laws: Laws, shares: Array, steps: int, count: int, origin: int
+        self, state: Any, laws: Laws, shares: Array, ahead: Ahead, count: int, origin: int
     ) -> list[tuple[int, Start]]:
-        """The members that count, by their place, made ready for futures of `steps`."""
+        """The members that count, by their place, made ready for futures of what is foreseen `ahead`."""
         states, most = self._states(state), shares.max(axis=1)
         found = []
         for place in np.flatnonzero(most > 0.0).tolist():
             drawn = self._members[place].draws(states[place], max(_FEWEST, round(count * most[place] / most.sum())))
             assert drawn is not None
-            found.append((place, self._start(drawn, place, laws, steps, origin)))
+            found.append((place, self._start(drawn, place, laws, len(ahead.rows), ahead.strays, origin)))
         return found
 
-    def _start(self, draws: ModelDraws, place: int, laws: Laws, steps: int, origin: int) -> Start:
-        return started(draws, self._estimator.period, laws, steps, seed=self._seed + place, origin=origin)
+    def _start(self, draws: ModelDraws, place: int, laws: Laws, steps: int, strays: Array, origin: int) -> Start:
+        period, chosen = self._estimator.period, np.arange(len(draws.weights)) + _APART * place
+        futures = astray(draws.network, strays, period, steps, round(origin * period), chosen)
+        return started(draws, period, laws, steps, seed=self._seed + place, origin=origin, astray=futures)
 
     def _due(self, live: Live) -> Iterator[tuple[int, Issue]]:
         for horizon, lead in enumerate(self.leads):
@@ -636,10 +664,20 @@ def _believed(paths: Paths, setpoints: Array, memory: Memory) -> Array:
     return np.asarray((paths.weights[:, None] * np.where(gone, _GONE, 1.0)).T, dtype=np.float64)
 
 
-def _heat(paths: Sequence[Paths], shares: Array) -> tuple[Array, Array]:
-    """The heat of all paths (N, h, n_laws), and its weights (h, N), of members with `shares` (E, h)."""
-    weighted = [share[:, None] * one.weights[None] for one, share in zip(paths, shares, strict=True)]
-    return np.concatenate([one.heat for one in paths]), np.concatenate(weighted, axis=1)
+def _heat(paths: Sequence[Paths], shares: Array) -> Heat:
+    """The heat of all paths, of members with `shares` (E, h)."""
+    each = [Heat(one.heat, np.tile(one.weights, (one.heat.shape[1], 1)), one.weather) for one in paths]
+    return _joined(each, shares)
+
+
+def _joined(each: Sequence[Heat], shares: Array) -> Heat:
+    """The futures of all, who have `shares` (E, h)."""
+    weights = [share[:, None] * one.weights for one, share in zip(each, shares, strict=True)]
+    return Heat(
+        np.concatenate([one.values for one in each]),
+        np.concatenate(weights, axis=1),
+        np.concatenate([one.weather for one in each]),
+    )
 
 
 def _hourly(rows: Array, period: float) -> Array:

@@ -80,7 +80,7 @@ class ZoneTotal:
 
 @record
 class SiteDemand:
-    """The energy that the thermostats of several zones will call for; errors of zones are taken to be independent."""
+    """The energy that the thermostats of several zones will call for; weather apart, their errors are independent."""
 
     horizon_s: Number
     total: Range = shown("kWh over the horizon, of the zones that have a total")

@@ -25,7 +25,7 @@ from service.errors import ServiceError
 from service.forecast.learned import model_draws
 from service.forecast.plan import Grid, Inputs, column
 from service.forecast.request import Detail
-from service.forecast.setpoints import law_room, obedient, with_law
+from service.forecast.setpoints import ahead_of, law_room, obedient, with_law
 from service.records.fan import CompactOutputPayload, Fan
 from service.records.outlook import InputOrigin, Outlook, Weather
 from service.records.update import Update
@@ -67,8 +67,9 @@ class FanQuestion(NamedTuple):
         if standing is None:
             return None
         outlook = _inputs(worker, standing, weather, self)
-        rows = _driving(worker, standing, outlook)
-        lawful = with_law(worker, standing, rows, self.planned, _grid(worker, standing, self))
+        ahead = ahead_of(worker, standing, outlook)
+        rows = ahead.rows
+        lawful = with_law(worker, standing, ahead, self.planned, _grid(worker, standing, self))
         futures = _futures(worker, standing, rows, self) if lawful is None else lawful.outputs
         found = _summaries(worker, standing, futures, self, given_up)
         obeys = obedient(worker.network, standing, self.planned) if lawful is not None else ()
@@ -101,7 +102,7 @@ class PartQuestion(NamedTuple):
             driving, grid = partial(_row, worker, standing), _grid(worker, standing, self.fan)
             lawful = law_room(worker, standing, draws, self.fan.planned, grid, driving)
             return Part(standing.update, outlook, lawful or Simulation(of_draws(draws, worker.period, 1), driving))
-        futures = _futures(worker, standing, _driving(worker, standing, outlook), self.fan)
+        futures = _futures(worker, standing, ahead_of(worker, standing, outlook).rows, self.fan)
         path = np.einsum("ln,lyn->ly", futures.weights, futures.means) / futures.weights.sum(axis=1, keepdims=True)
         return Part(standing.update, outlook, FixedRoom(path))
 
@@ -159,14 +160,8 @@ def _by_thermostat(one: InputOrigin) -> InputOrigin:
     return replace(one, origin="thermostat", age=float("nan"), quality=Quality.GOOD)
 
 
-def _driving(worker: ZoneWorker, standing: Standing, outlook: Outlook) -> Array:
-    """What drives the estimator under the inputs of `outlook`."""
-    ahead = np.arange(len(outlook.rows), dtype=np.float64)
-    return worker.loop.driving(standing.update.forecast.valid_time + worker.period * ahead, outlook.rows)
-
-
 def _row(worker: ZoneWorker, standing: Standing, step: int, inputs: Array) -> Array:
-    """The same at one step from the valid time on, under inputs (n_u,)."""
+    """What drives the estimator at one step from the valid time on, under inputs (n_u,)."""
     time = float(standing.update.forecast.valid_time + step * worker.period)
     row: Array = worker.loop.driving(np.array([time]), inputs[None])[0]
     return row

@@ -13,7 +13,8 @@ import numpy as np
 
 from adapters.fields.durations import format_duration
 from adapters.fields.times import ZoneMissing, parse_time, utc, written_time
-from estimator.arrays import Array
+from estimator.arrays import Array, Indices
+from estimator.foresight import FUTURES
 from estimator.thermostat import answers
 from estimator.thermostat.answers import Amounts
 from estimator.thermostat.live import Fan
@@ -24,7 +25,7 @@ from service.forecast.answers import Comparison, Demand, Hour, PlanOutcome, Preh
 from service.forecast.engine import GIVEN_UP
 from service.forecast.plan import Grid, Inputs, Values, column
 from service.forecast.request import MAX_STEPS
-from service.forecast.setpoints import why_no_law, with_law
+from service.forecast.setpoints import ahead_of, why_no_law, with_law
 from service.records.outlook import SET_POINTS, Weather
 from service.records.trust import LEARNING, UNTRUSTED, Trust
 from service.zone.worker import Standing, ZoneWorker
@@ -135,7 +136,7 @@ class PreheatQuestion(NamedTuple):
             minutes=float("nan") if begin is None else (self.by - begin) / 60.0,
             reached=answers.probability_above(last, self.target - self.tolerance),
             temperature=Range(float(last.mean()[0]), lower, upper),
-            energy=_range(answers.energy(fan.heat, fan.weights, period, spans)),
+            energy=_range(answers.energy(fan.heat, period, spans)),
             setpoint_before=before,
         )
 
@@ -162,7 +163,7 @@ class DemandQuestion(NamedTuple):
         futures = _Futures(worker, standing, weather, self.steps, given_up)
         fan = futures.foreseen() if self.setpoints is None else futures.under(futures.planned(self.setpoints))
         hours = ((start + period * np.arange(self.steps)) // _HOUR).astype(np.int64)
-        amounts = answers.energy(fan.heat, fan.weights, period, hours - hours[0])
+        amounts = answers.energy(fan.heat, period, hours - hours[0])
         total = answers.total(amounts)
         means, quantiles = amounts.mean(), amounts.quantiles(_LEVELS)
         demand = Demand(
@@ -224,8 +225,8 @@ class _Outcome(NamedTuple):
     def of(cls, fan: Fan, setpoints: Array, period: float, price: Array | None) -> _Outcome:
         spans = np.zeros(len(setpoints), dtype=np.int64)
         return cls(
-            answers.energy(fan.heat, fan.weights, period, spans),
-            None if price is None else answers.energy(fan.heat, fan.weights, period, spans, price),
+            answers.energy(fan.heat, period, spans),
+            None if price is None else answers.energy(fan.heat, period, spans, price),
             # The means of the mixtures after the first are the temperatures of the futures.
             answers.below(fan.outputs.means[1:, 0].T, setpoints, fan.outputs.weights[1:], period, COLD),
         )
@@ -257,9 +258,7 @@ class _Futures:
         self.setpoint = float(thermostat.setpoint)
         """The set-point now [degC]."""
         self.grid = Grid(forecast.valid_time, worker.period, steps)
-        times = forecast.valid_time + worker.period * np.arange(steps, dtype=np.float64)
-        inputs = worker.foresight.outlook(forecast, standing.day, steps, weather).rows
-        self._rows = worker.loop.driving(times, inputs)
+        self._ahead = ahead_of(worker, standing, worker.foresight.outlook(forecast, standing.day, steps, weather))
         self._worker, self._standing, self._given_up = worker, standing, given_up
 
     def planned(self, setpoints: Values) -> Array:
@@ -278,7 +277,7 @@ class _Futures:
     def _told(self, planned: Inputs) -> Fan:
         if self._given_up():
             raise ServiceError(GIVEN_UP)
-        fan = with_law(self._worker, self._standing, self._rows, planned, self.grid)
+        fan = with_law(self._worker, self._standing, self._ahead, planned, self.grid)
         assert fan is not None, "a law is known"
         return fan
 
@@ -296,10 +295,23 @@ def _range(amounts: Amounts) -> Range:
 
 
 def together(totals: Sequence[Amounts]) -> Range:
-    """The sum of what zones call for, whose errors are taken to be independent."""
+    """The sum of what zones call for, which have one weather; their other errors are taken to be independent."""
     if not totals:
         return Range(0.0, 0.0, 0.0)
     draws = np.random.default_rng(0)
-    sums = sum(draws.choice(one.values[:, 0], _PAIRED, p=one.weights[:, 0]) for one in totals)
+    weather = draws.integers(0, FUTURES, _PAIRED)
+    sums = sum(_in_weather(one, weather, draws) for one in totals)
     lower, upper = np.quantile(sums, _LEVELS).tolist()
     return Range(float(sum(one.mean()[0] for one in totals)), lower, upper)
+
+
+def _in_weather(total: Amounts, weather: Indices, draws: np.random.Generator) -> Array:
+    """(P,): draws of a zone's total in each `weather` (P,), and in any where it knows no such future."""
+    values, weights = total.values[:, 0], total.weights[:, 0]
+    found = draws.choice(values, len(weather), p=weights)
+    asking = total.weather >= 0
+    for number in np.unique(total.weather[asking]).tolist():
+        there, asked = total.weather == number, np.flatnonzero(weather == number)
+        share = np.where(there, weights * weights[asking].sum() / weights[there].sum(), np.where(asking, 0.0, weights))
+        found[asked] = draws.choice(values, len(asked), p=share / share.sum())
+    return found

@@ -11,36 +11,42 @@ from estimator.network.network import Network
 from estimator.statespace.matrices import of_draws
 from estimator.statespace.simulate import Driving
 from estimator.thermostat.closed_loop import LawRoom
+from estimator.thermostat.live import Ahead
 from estimator.thermostat.live import Fan as LiveFan
 from estimator.thermostat.thermostat import Thermostat
 from estimator.types import ModelDraws
 from service.errors import NoLaw
 from service.forecast.plan import Grid, Inputs, column
-from service.records.outlook import SET_POINTS
+from service.records.outlook import SET_POINTS, Outlook
 from service.zone.worker import Standing, ZoneWorker
 
 
-def with_law(worker: ZoneWorker, standing: Standing, rows: Array, planned: Inputs, grid: Grid) -> LiveFan | None:
-    """The forecast under drive rows (h, n_d) with the law inside, or, where neither set-points nor heat are `planned`,
-    that of the futures of a zone with a set-point; None where a forecast under the rows themselves is asked, or nothing
-    is known that could come in their place.
+def ahead_of(worker: ZoneWorker, standing: Standing, outlook: Outlook) -> Ahead:
+    """What the inputs of `outlook` are to the estimator, and how sure they are."""
+    start, period = standing.update.forecast.valid_time, worker.period
+    rows = worker.loop.driving(start + period * np.arange(len(outlook.rows), dtype=np.float64), outlook.rows)
+    return worker.loop.ahead(standing.carried, start, rows, outlook.known)
+
+
+def with_law(worker: ZoneWorker, standing: Standing, ahead: Ahead, planned: Inputs, grid: Grid) -> LiveFan | None:
+    """The forecast under what is foreseen `ahead` with the law inside, or, where neither set-points nor heat are
+    `planned`, that of the futures of a zone with a set-point; None where a forecast under the drive rows themselves is
+    asked, or nothing is known that could come in their place.
 
     NoLaw for planned set-points that no law keeps.
     """
     network, live, thermostat = worker.network, standing.carried.live, _unplanned(worker.network, standing, planned)
-    if not len(rows):
+    if not grid.steps:
         return None
     before, forecasts = standing.carried.held.values, worker.loop.live
     if asks_set_points(planned, network):
         if not forecasts.obeyed(thermostat):
             raise NoLaw(why_no_law(network, standing))
         setpoints = _set_points(worker, standing, thermostat, planned, grid)
-        return forecasts.planned(live, standing.state, thermostat, setpoints, rows, before, int(grid.start))
+        return forecasts.planned(live, standing.state, thermostat, setpoints, ahead, before, int(grid.start))
     if _driven(network, standing) & planned.keys() or not forecasts.knows(thermostat, grid.start):
         return None
-    start = int(grid.start)
-    yesterday = worker.loop.with_heat_of_yesterday(standing.carried, start, rows)
-    return forecasts.unplanned(live, standing.state, thermostat, rows, yesterday, before, start)
+    return forecasts.unplanned(live, standing.state, thermostat, ahead, before, int(grid.start))
 
 
 def law_room(

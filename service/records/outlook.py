@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -41,20 +41,10 @@ class Outlook(NamedTuple):
     rows: Array
     origins: tuple[InputOrigin, ...]
 
-    def under(self, plan: Sequence[Mapping[str, float]]) -> Outlook:
-        """The same with what is planned in place of what is foreseen; a row of `plan` (h) names the inputs that it
-        plans."""
-        rows = self.rows.copy()
-        columns = {origin.channel: column for column, origin in enumerate(self.origins)}
-        for row, changes in zip(rows, plan, strict=True):
-            for channel, value in changes.items():
-                row[columns[channel]] = value
-        planned = {channel for changes in plan for channel in changes}
-        origins = tuple(
-            InputOrigin(one.channel, "plan", "", float("nan"), Quality.GOOD) if one.channel in planned else one
-            for one in self.origins
-        )
-        return Outlook(rows, origins)
+    @property
+    def known(self) -> list[str]:
+        """The inputs that the zone does not foresee itself."""
+        return [origin.channel for origin in self.origins if origin.origin not in ("yesterday", "held")]
 
 
 class WeatherLink(NamedTuple):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from estimator.thermostat.answers import Amounts, below, difference, energy, latest, probability_above, total
+from estimator.thermostat.live import Heat
 from estimator.types import Mixture
 
 HALVES = np.array([0, 0, 1, 1])
@@ -14,22 +15,28 @@ def futures(count=3):
     return np.arange(1.0, count + 1.0)[:, None, None] * np.full((1, 4, 1), 1000.0)
 
 
+def heat(values):
+    """All futures weigh the same, and have the weather that is foreseen."""
+    count, steps, _ = values.shape
+    return Heat(values, np.full((steps, count), 1.0 / count), np.full(count, -1))
+
+
 def test_energy_is_power_times_time_with_cooling_counted():
-    amounts = energy(futures() * np.array([1.0, -1.0, 1.0])[:, None, None], np.full((4, 3), 1 / 3), 1800.0, HALVES)
+    amounts = energy(heat(futures() * np.array([1.0, -1.0, 1.0])[:, None, None]), 1800.0, HALVES)
     assert amounts.values.tolist() == [[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]]
     assert amounts.mean() == pytest.approx([2.0, 2.0])
     assert total(amounts).values.ravel().tolist() == [2.0, 4.0, 6.0]
 
 
 def test_a_price_below_zero_is_earned():
-    paid = energy(-futures(), np.full((4, 3), 1 / 3), 1800.0, HALVES, np.array([0.5, 0.5, -0.1, -0.1]))
+    paid = energy(heat(-futures()), 1800.0, HALVES, np.array([0.5, 0.5, -0.1, -0.1]))
     assert paid.values[:, 0].tolist() == [0.5, 1.0, 1.5]
     assert paid.values[:, 1] == pytest.approx([-0.1, -0.2, -0.3])
 
 
 def test_spans_weigh_their_own_futures():
     weights = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
-    amounts = energy(futures(), weights, 1800.0, HALVES)
+    amounts = energy(heat(futures())._replace(weights=weights), 1800.0, HALVES)
     assert amounts.mean().tolist() == [1.0, 3.0]
     assert amounts.quantiles(np.array([0.025, 0.5, 0.975])).tolist() == [[1.0] * 3, [3.0] * 3]
 
@@ -37,7 +44,7 @@ def test_spans_weigh_their_own_futures():
 def test_quantiles_are_those_of_a_large_sample():
     rng = np.random.default_rng(1)
     count = 20_000
-    amounts = Amounts(rng.standard_normal((count, 1)), np.full((count, 1), 1.0 / count))
+    amounts = Amounts(rng.standard_normal((count, 1)), np.full((count, 1), 1.0 / count), np.full(count, -1))
     found = amounts.quantiles(np.array([0.025, 0.5, 0.975]))[0]
     # Standard errors of the quantiles of a normal sample: sqrt(p (1 - p) / n) over the density there.
     assert found == pytest.approx([-1.96, 0.0, 1.96], abs=4 * 0.0189)
@@ -47,7 +54,12 @@ def test_what_two_plans_have_in_common_cancels_out():
     rng = np.random.default_rng(2)
     shared = 5.0 * rng.standard_normal((500, 1))
     weights = np.full((500, 1), 1 / 500)
-    saved = difference(Amounts(shared + 10.0, weights), Amounts(shared + 9.0 + 0.01 * rng.random((500, 1)), weights))
+    saved = difference(
+        *(
+            Amounts(one, weights, np.full(500, -1))
+            for one in (shared + 10.0, shared + 9.0 + 0.01 * rng.random((500, 1)))
+        )
+    )
     low, high = saved.quantiles(np.array([0.025, 0.975]))[0]
     assert 0.99 <= low <= high <= 1.0
 

@@ -13,7 +13,7 @@ from estimator.kernels.quantiles import mixture_quantiles
 from estimator.network.presets import network
 from estimator.registry import build
 from estimator.thermostat.futures import GUESSES, guesses
-from estimator.thermostat.live import FUTURES, PLANNED, UNPLANNED, LiveForecasts
+from estimator.thermostat.live import FUTURES, PLANNED, UNPLANNED, Ahead, LiveForecasts
 from estimator.thermostat.memory import no_memory, remembered
 from estimator.thermostat.thermostat import no_thermostat, with_sample
 from estimator.verification.hindsight import issued_at
@@ -23,6 +23,10 @@ PERIOD = 1800
 DAILY = 48
 SEED = 5
 TAILS = np.array([0.025, 0.975])
+
+
+def ahead(rows, strays=(0.0, 0.0)):
+    return Ahead(rows, rows, np.array(strays))
 
 
 class Zone:
@@ -55,12 +59,12 @@ class Zone:
         self.day = with_inputs(self.day, k * PERIOD, inputs)
         self.state, self.before, self.time = self.estimator.predict(self.state, inputs), inputs, (k + 1) * PERIOD
 
-        def ahead(steps):
-            return 2 * (foreseen(HOUSE, self.day, inputs, self.time + PERIOD * np.arange(float(steps))).rows,)
+        def coming(steps):
+            return ahead(foreseen(HOUSE, self.day, inputs, self.time + PERIOD * np.arange(float(steps))).rows)
 
         issues = issued_at(self.time, PERIOD, SEED)
         self.live = self.forecasts.advanced(
-            self.live, self.state, self.thermostat, inputs, self.time, ahead if issues else None
+            self.live, self.state, self.thermostat, inputs, self.time, coming if issues else None
         )
 
     def run(self, data, begin, end):
@@ -86,12 +90,30 @@ def test_under_a_plan_of_set_points_the_forecast_is_right_to_tenths_of_a_kelvin(
     outputs, rows, wanted = after(data, now)
     blind = rows.copy()
     blind[:, 1] = zone.before[1]
-    fan = zone.forecasts.planned(zone.live, zone.state, zone.thermostat, wanted, blind, zone.before, zone.time)
+    fan = zone.forecasts.planned(zone.live, zone.state, zone.thermostat, wanted, ahead(blind), zone.before, zone.time)
     means = (fan.outputs.means[:-1, 0] * fan.outputs.weights[:-1]).sum(axis=1)
     assert np.sqrt(np.mean((means - outputs) ** 2)) < 0.3
-    heat = (fan.heat[:, :, 0].T * fan.weights).sum(axis=1)
+    heat = (fan.heat.values[:, :, 0].T * fan.heat.weights).sum(axis=1)
     assert abs(heat.sum() / rows[:, 1].sum() - 1.0) < 0.1
     assert fan.chances.shape[1] == 0
+
+
+def test_energy_is_as_uncertain_as_the_weather_that_is_foreseen():
+    zone, data, now = lived()
+    _, rows, wanted = after(data, now)
+
+    def told(strays):
+        fan = zone.forecasts.planned(
+            zone.live, zone.state, zone.thermostat, wanted, ahead(rows, strays), zone.before, zone.time
+        )
+        weights = fan.heat.weights.mean(axis=0)
+        sums = fan.heat.values[:, :, 0].sum(axis=1)
+        mean = float(weights @ sums)
+        return mean, float(np.sqrt(weights @ (sums - mean) ** 2))
+
+    (mean, sd), (moved, wide) = told((0.0, 0.0)), told((4.0, 0.0))
+    assert moved == pytest.approx(mean, rel=0.03)
+    assert wide > 2.0 * sd
 
 
 def test_where_nobody_plans_a_regular_schedule_is_found_and_the_interval_is_honest():
@@ -99,7 +121,7 @@ def test_where_nobody_plans_a_regular_schedule_is_found_and_the_interval_is_hone
     outputs, rows, _ = after(data, now)
     blind = rows.copy()
     blind[:, 1] = zone.before[1]
-    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, blind, blind, zone.before, zone.time)
+    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, ahead(blind), zone.before, zone.time)
     means = (fan.outputs.means[:-1, 0] * fan.outputs.weights[:-1]).sum(axis=1)
     held = unfolded(zone.estimator, zone.state, blind)
     assert np.sqrt(np.mean((means - outputs) ** 2)) < 0.4
@@ -107,13 +129,13 @@ def test_where_nobody_plans_a_regular_schedule_is_found_and_the_interval_is_hone
     chances = dict(zip(FUTURES, fan.chances[-1], strict=True))
     assert chances["as-yesterday"] + chances["as-usual"] + chances["as-last-week"] > 0.8
     assert fan.chances.sum(axis=1) == pytest.approx(np.ones(DAILY))
-    assert fan.weights.sum(axis=1) == pytest.approx(np.ones(DAILY))
+    assert fan.heat.weights.sum(axis=1) == pytest.approx(np.ones(DAILY))
 
 
 def test_sampled_futures_stand_for_the_forecast():
     zone, data, now = lived()
     _, rows, wanted = after(data, now)
-    fan = zone.forecasts.planned(zone.live, zone.state, zone.thermostat, wanted, rows, zone.before, zone.time)
+    fan = zone.forecasts.planned(zone.live, zone.state, zone.thermostat, wanted, ahead(rows), zone.before, zone.time)
     paths = fan.paths(40)
     assert paths.shape == (40, DAILY + 1, 1)
     means = (fan.outputs.means[:, 0] * fan.outputs.weights).sum(axis=1)
@@ -147,8 +169,10 @@ def test_before_a_law_is_known_the_heat_is_held_or_as_the_day_before():
     data = recorded(1, PERIOD)
     zone = Zone().run(data, 0, 10)
     rows = np.tile(zone.before, (DAILY, 1))
-    assert zone.forecasts.planned(zone.live, zone.state, zone.thermostat, rows[:, 0], rows, zone.before, 0) is None
-    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, rows, rows, zone.before, zone.time)
+    assert (
+        zone.forecasts.planned(zone.live, zone.state, zone.thermostat, rows[:, 0], ahead(rows), zone.before, 0) is None
+    )
+    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, ahead(rows), zone.before, zone.time)
     assert fan.chances[:, : len(GUESSES)].max() == 0.0
 
 
@@ -158,8 +182,11 @@ def test_a_black_box_has_no_answer_to_a_plan_of_set_points():
     assert len(zone.thermostat.laws.column) == 1
     rows = np.tile(zone.before, (DAILY, 1))
     plan = np.full(DAILY, 20.0)
-    assert zone.forecasts.planned(zone.live, zone.state, zone.thermostat, plan, rows, zone.before, zone.time) is None
-    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, rows, rows, zone.before, zone.time)
+    assert (
+        zone.forecasts.planned(zone.live, zone.state, zone.thermostat, plan, ahead(rows), zone.before, zone.time)
+        is None
+    )
+    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, ahead(rows), zone.before, zone.time)
     assert len(fan.outputs.means) == DAILY + 1
 
 
@@ -182,8 +209,10 @@ def test_a_bank_goes_on_from_a_checkpoint_with_the_same_bits_and_asking_changes_
     other.thermostat, other.before, other.day = zone.thermostat, zone.before, zone.day
     rows = np.tile(zone.before, (DAILY, 1))
     for _ in range(2):
-        zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, rows, rows, zone.before, zone.time)
-        zone.forecasts.planned(zone.live, zone.state, zone.thermostat, rows[:, 0] + 15.0, rows, zone.before, zone.time)
+        zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, ahead(rows), zone.before, zone.time)
+        zone.forecasts.planned(
+            zone.live, zone.state, zone.thermostat, rows[:, 0] + 15.0, ahead(rows), zone.before, zone.time
+        )
     for each in (zone, other):
         each.run(data, 2 * DAILY, 2 * DAILY + 30)
     first, second = (each.forecasts.pack(each.live) for each in (zone, other))
@@ -260,7 +289,7 @@ def test_a_bank_without_a_set_point_asks_its_blind_regressions_too():
     members = {"ekf": {"estimator": "ekf"}, "blind": {"estimator": "direct", "blind": True}}
     zone = Zone("bank", {"members": members}).run((outputs, inputs, np.full(len(outputs), np.nan)), 0, 6 * DAILY)
     rows = np.tile(zone.before, (DAILY, 1))
-    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, rows, rows, zone.before, zone.time)
+    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, ahead(rows), zone.before, zone.time)
     chances = dict(zip(FUTURES, fan.chances[-1], strict=True))
     assert min(chances[name] for name in ("heat-held", "heat-of-yesterday", "by-regression")) > 0.0
     assert sum(chances[name] for name in GUESSES) == 0.0

@@ -165,9 +165,17 @@ def test_a_question_that_nobody_waits_for_and_a_plan_that_does_not_fit(worker):
 
 
 def test_errors_of_zones_add_up_as_independent_ones_do():
-    one = Amounts(np.linspace(0.0, 10.0, 101)[:, None], np.full((101, 1), 1 / 101))
+    one = Amounts(np.linspace(0.0, 10.0, 101)[:, None], np.full((101, 1), 1 / 101), np.full(101, -1))
     total = together([one] * 16)
     assert total.mean == pytest.approx(80.0)
     # A sum of 16 uniform ones has four times the sd of one of them; 4,000 draws leave some hundredths of it.
     assert total.upper - total.lower == pytest.approx(2 * 1.96 * 4 * 10.0 / np.sqrt(12.0), rel=0.06)
     assert together([]).mean == 0.0
+
+
+def test_zones_have_the_same_weather():
+    # Each kind of weather brings its own amount, and nothing else differs.
+    weather = np.arange(610) % 61
+    one = Amounts(weather[:, None] / 6.1, np.full((610, 1), 1 / 610), weather)
+    total = together([one] * 16)
+    assert total.upper - total.lower == pytest.approx(16 * 0.95 * 10.0, rel=0.05)

@@ -9,8 +9,8 @@ from support.zone_samples import worker as a_worker
 from adapters.reading import Quality
 from adapters.units import IDENTITY, conversion
 from adapters.weather.forecast import WeatherForecast, WeatherSeries
-from estimator.foresight import FADES, foreseen, no_day, restored, with_inputs
-from estimator.network.presets import SOLAR_APERTURE, network
+from estimator.foresight import FADES, SUN_FADES, astray, foreseen, no_day, restored, strays, with_inputs
+from estimator.network.presets import SOLAR_APERTURE, automatic, network
 from service.records.outlook import InputOrigin, Weather, WeatherBook, WeatherLink
 from service.records.sample import Sample
 
@@ -18,6 +18,7 @@ PERIOD = 900
 DAY = 86400
 NET = network("building-67")
 START = 10 * DAY
+BESIDE = automatic(["T_out", "u_heat", "T_adj_upper"]).validate()
 SUNNY = network("tite").with_solar("T_i", SOLAR_APERTURE).validate()
 
 
@@ -99,6 +100,51 @@ def test_a_day_that_was_stored_by_itself_is_the_usual_one():
     assert all((one == other).all() for one, other in zip(again[:2] + again[3:4], day[:2] + day[3:4], strict=True))
     later = with_inputs(again, START + DAY, np.array([outdoors(START) + 2.0]))
     assert later.inputs[0, 0] == pytest.approx(outdoors(START) + 1.0)
+
+
+def test_a_room_next_door_is_foreseen_as_usual_and_stays_as_far_from_it_as_it_is_now():
+    column, day = BESIDE.inputs.index("T_adj_upper"), no_day(len(BESIDE.inputs), PERIOD)
+    for time in range(START, START + 3 * DAY, PERIOD):
+        day = with_inputs(
+            day, time, np.full(len(BESIDE.inputs), outdoors(time) + 2.0 * (time >= START + 2 * DAY + DAY // 2))
+        )
+    times = START + 3 * DAY + PERIOD * np.arange(DAY // PERIOD, dtype=float)
+    rows = foreseen(BESIDE, day, np.full(len(BESIDE.inputs), outdoors(times[0]) + 2.0), times).rows
+    assert np.abs(rows[:, column] - [outdoors(time) + 2.0 for time in times]).max() < 0.5
+
+
+def test_how_far_weather_strays_from_what_is_foreseen_is_learned():
+    rng, day, cold, clouds = np.random.default_rng(1), no_day(3, PERIOD), 0.0, 0.0
+    for time in range(START, START + 60 * DAY, PERIOD):
+        left, cleared = np.exp(-PERIOD / FADES), np.exp(-PERIOD / SUN_FADES)
+        cold = left * cold + 2.0 * np.sqrt(1.0 - left**2) * rng.standard_normal()
+        clouds = cleared * clouds + 0.25 * np.sqrt(1.0 - cleared**2) * rng.standard_normal()
+        day = with_inputs(day, time, np.array([outdoors(time) + cold, 0.0, max(0.0, 1.0 + clouds) * sun(time)]))
+    outdoor, heat, share = strays(SUNNY, day)
+    # What is usual is itself a mean of few days.
+    assert 1.7 < outdoor < 2.8
+    assert heat == 0.0
+    assert 0.18 < share < 0.35
+    assert strays(SUNNY, no_day(3, PERIOD))[0] > outdoor, "before anything is known, more is supposed"
+    old = restored({name: value for name, value in day._asdict().items() if name in ("times", "inputs", "before")})
+    assert strays(SUNNY, old).tolist() == strays(SUNNY, no_day(3, PERIOD)).tolist()
+
+
+def test_futures_of_the_weather_stray_as_far_as_they_should_and_are_the_same_for_every_room():
+    sds, hours = np.array([2.0, 0.0, 0.5]), 24
+    found = astray(SUNNY, sds, PERIOD, hours * 4, START, np.arange(61))
+    ((column, shift),) = found.shifts
+    assert column == 0
+    assert np.abs(shift.mean(axis=0)).max() < 1e-9
+    wanted = 2.0 * np.sqrt(1.0 - np.exp(-2.0 * 24 * 3600.0 / FADES))
+    assert shift[:, -1].std() == pytest.approx(wanted, rel=0.25)
+    assert shift[:, 0].std() < 0.35 * wanted
+    assert np.corrcoef(shift[:, -1], shift[:, -9])[0, 1] > 0.8
+    assert found.sun.min() >= -1.0
+    assert np.abs(found.sun.mean(axis=0)).max() < 1e-9
+    again = astray(SUNNY, sds, PERIOD, hours * 4, START, np.arange(61, 122))
+    assert (again.sun == found.sun).all(), "another draw of the same number has the same weather"
+    assert not astray(SUNNY, np.zeros(3), PERIOD, 4, START, np.arange(5)).shifts
 
 
 def test_a_fan_uses_it_and_a_plan_goes_before_it():
