@@ -105,12 +105,12 @@ def test_a_day_that_was_stored_by_itself_is_the_usual_one():
 def test_a_room_next_door_is_foreseen_as_usual_and_stays_as_far_from_it_as_it_is_now():
     column, day = BESIDE.inputs.index("T_adj_upper"), no_day(len(BESIDE.inputs), PERIOD)
     for time in range(START, START + 3 * DAY, PERIOD):
-        day = with_inputs(
-            day, time, np.full(len(BESIDE.inputs), outdoors(time) + 2.0 * (time >= START + 2 * DAY + DAY // 2))
-        )
+        day = with_inputs(day, time, np.full(len(BESIDE.inputs), outdoors(time)))
     times = START + 3 * DAY + PERIOD * np.arange(DAY // PERIOD, dtype=float)
-    rows = foreseen(BESIDE, day, np.full(len(BESIDE.inputs), outdoors(times[0]) + 2.0), times).rows
-    assert np.abs(rows[:, column] - [outdoors(time) + 2.0 for time in times]).max() < 0.5
+    rows = foreseen(BESIDE, day, np.full(len(BESIDE.inputs), outdoors(times[0] - PERIOD) + 2.0), times).rows
+    away = rows[:, column] - [outdoors(time) for time in times]
+    assert away[0] == pytest.approx(2.0)
+    assert away[-1] == pytest.approx(2.0 * np.exp(-1 / 7), abs=0.01)
 
 
 def test_how_far_weather_strays_from_what_is_foreseen_is_learned():
