@@ -18,10 +18,10 @@ PACKAGES = {
 LEVELS = {
     "estimator": (
         {"loop"},
-        {"registry", "diagnosis", "foresight", "believed"},
+        {"registry", "diagnosis", "believed"},
         {"neighbours"},
         {"thermostat"},
-        {"bank", "statespace"},
+        {"bank", "statespace", "foresight"},
         {"verification"},
         {"mixture"},
         {"particle", "gaussian", "offline", "blackbox"},
