@@ -111,9 +111,11 @@ def test_energy_is_as_uncertain_as_the_weather_that_is_foreseen():
         mean = float(weights @ sums)
         return mean, float(np.sqrt(weights @ (sums - mean) ** 2))
 
-    (mean, sd), (moved, wide) = told((0.0, 0.0)), told((4.0, 0.0))
+    (mean, sd), (moved, wide), (_, wider) = (told((outdoors, 0.0)) for outdoors in (0.0, 4.0, 8.0))
     assert moved == pytest.approx(mean, rel=0.03)
-    assert wide > 2.0 * sd
+    # What is due to the weather adds up with the rest as independent errors do, and is in proportion to its own.
+    assert wide > 1.1 * sd
+    assert np.sqrt(wider**2 - sd**2) == pytest.approx(2.0 * np.sqrt(wide**2 - sd**2), rel=0.2)
 
 
 def test_where_nobody_plans_a_regular_schedule_is_found_and_the_interval_is_honest():
