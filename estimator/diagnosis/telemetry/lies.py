@@ -28,7 +28,7 @@ from estimator.diagnosis.finding import (
     Finding,
 )
 from estimator.diagnosis.telemetry.recent import Recent, slot, until
-from estimator.diagnosis.telemetry.response import Response, lateness, response, unexplained
+from estimator.diagnosis.telemetry.response import Response, gathered, response
 from estimator.network.network import Network
 
 EVERY = 3600
@@ -44,8 +44,21 @@ _LEAST = 6.0
 _LEAST_JUMP = 1.0
 """K."""
 
-_WARMING, _MUCH, _SOME = 6, 1.5, 0.6
-"""h over which warming that nothing explains is looked at, and multiples of the largest that the reference has seen."""
+_EXPLAINED = 0.15
+"""K/h: warming that nothing explains up to this is usual in any room."""
+
+_WARMING, _SOME = 6.0, 0.6
+"""h over which warming that nothing explains is looked at, and the share of the largest that the reference has seen."""
+
+_HEATED, _LEAST_HEATED = 0.02, 6.0
+"""Share of the largest power from which a room is heated, and h of it without which nothing is said of its heat."""
+
+_SURE = {UNIT_CHANGED: 4.0, METER_LATE: 15.0, METER_DEAD: 8.0}
+"""Log-likelihood ratio from which something is suspected, and _ABOVE times what has gathered in the reference."""
+_ABOVE = 1.5
+_NEVER = 1e3
+_SPREAD = np.linspace(0.05, 0.95, 10)
+"""Quantiles of the usual heat, which stand for what a dead meter does not tell."""
 
 _LATELY = 12.0
 """h in which spikes count."""
@@ -106,8 +119,8 @@ def looked(network: Network, recent: Recent, before: tuple[Suspicion, ...], time
     split = len(rows) - min(len(rows), round((time - onset) / slot(recent)))
     if np.isfinite(rows[:split, 0]).sum() * step < _LEAST * 24.0:
         return ()
-    of, hour = kinds(network), max(1, round(1.0 / step))
-    look = Look(of, step, rows[:split], rows[split:], response(rows[:split], rows[split:], of, hour))
+    of = kinds(network)
+    look = Look(of, step, rows[:split], rows[split:], response(rows, split, of))
     found = {(name, column): hours for test in _TESTS for name, column, hours in test(look)}
     # Channels that have changed places are no other riddle.
     if any(name == CHANNELS_SWAPPED for name, _ in found):
@@ -201,17 +214,27 @@ def _jumps(look: Look, column: int) -> tuple[list[_Jump], int]:
 
 
 def _largest(look: Look, column: int) -> Array:
-    """(k - 1,): what a step of a thermometer between two new slots must exceed: twice the largest of the reference,
-    in a room the largest of times that were heated, or were not, alike."""
+    """(k - 1,): what a step of a thermometer between two new slots must exceed: twice the largest of times of the
+    reference that were heated, or were not, alike; infinite where the reference has hardly any such times."""
     values = np.concatenate([look.past[:, column], look.new[:, column]])
-    heated = np.zeros(len(values) - 1, dtype=np.int64)
-    for meter in look.columns("heat") if column == 0 else ():
+    heated, unseen = np.zeros(len(values) - 1, dtype=np.int64), np.zeros(len(look.new), dtype=np.bool_)
+    for meter in look.columns("heat"):
         quiet = _quiet(look, meter)
         heated |= (quiet[1:] == 0.0) | (quiet[:-1] < 1.0)
-    sizes = np.abs(np.diff(values))
-    split = len(look.past)
-    largest = [np.nanmax(sizes[: split - 1][heated[: split - 1] == which], initial=0.0) for which in (0, 1)]
-    return np.maximum(_LEAST_JUMP, 2.0 * np.array(largest)[heated[split:]])
+        # Nobody knows what a heat that the reference never saw does in its first hour, as after a summer.
+        unseen |= _above(look, meter)
+    sizes, split = np.abs(np.diff(values)), len(look.past)
+    largest = []
+    for which in (0, 1):
+        known = sizes[: split - 1][heated[: split - 1] == which]
+        largest.append(2.0 * _highest(known) if len(known) > look.slots(_LEAST_HEATED) else np.inf)
+    return np.where(unseen[1:], np.inf, np.maximum(_LEAST_JUMP, np.array(largest)[heated[split:]]))
+
+
+def _above(look: Look, column: int) -> npt.NDArray[np.bool_]:
+    """(k,): new slots in whose last hour a meter has told more than ever in the reference."""
+    above = np.abs(look.new[:, column]) > 1.5 * _highest(look.past[:, column])
+    return np.convolve(above, np.ones(look.slots(1.0) + 1))[: len(above)] > 0.0
 
 
 def _middle(values: Array) -> float:
@@ -266,7 +289,10 @@ def _turned(look: Look) -> Found:
         )
         past_slopes = [_slope(np.nanmean(whole, axis=0), one) for one in whole]
         slope = _slope(shape, last)
-        if slope < -0.35 and slope < 1.5 * min([0.0, *past_slopes]):
+        # A room next door has no day of its own, but it is never as far below zero as it was above.
+        before, now, spread = np.nanmean(past), np.nanmean(last), np.nanstd(past)
+        negative = abs(now + before) <= abs(now - before) + 2.0 * spread
+        if negative and slope < -0.35 and slope < 1.5 * min([0.0, *past_slopes]):
             yield SIGN_FLIPPED, column, 24.0
 
 
@@ -277,85 +303,106 @@ def _slope(shape: Array, values: Array) -> float:
     return float(np.linalg.lstsq(design[known], values[known], rcond=None)[0][2]) if known.sum() > 3 else 0.0
 
 
-def _amounts(look: Look) -> Found:
-    """Meters that tell a thousand times what they told, a thousandth of it, or less than nothing."""
-    for column in look.columns("heat"):
-        past, new = look.past[:, column], look.new[:, column]
-        highest, lowest = np.nanmax(past, initial=0.0), np.nanmin(past, initial=0.0)
-        told = np.flatnonzero(np.abs(new) > 1e-6 * highest)
-        if not highest > 0.0 or not len(told):
-            continue
-        latest = new[told[-look.slots(3.0) :]]
-        size = float(np.median(np.abs(latest)))
-        usual = np.abs(past[np.abs(past) > 1e-6 * highest])
-        small = (usual < highest / 300.0).mean()
-        large, little = np.abs(new) > 20.0 * highest, (np.abs(new) > 0.0) & (np.abs(new) < highest / 300.0)
-        if size > 20.0 * highest and _as_usual(np.abs(new[large]).max() / 1000.0, usual):
-            yield UNIT_CHANGED, column, _since(look, large)
-        elif (
-            len(latest) == look.slots(3.0)
-            and np.abs(latest).max() < highest / 300.0
-            and small < 0.1
-            and _as_usual(np.abs(new[little]).max() * 1000.0, usual)
-        ):
-            yield UNIT_CHANGED, column, _since(look, little)
-        if lowest >= -0.01 * highest and latest.min() < -0.05 * highest and latest.max() <= 0.0:
-            yield SIGN_FLIPPED, column, _since(look, new < -0.01 * highest)
-
-
-def _as_usual(size: float, usual: Array) -> bool:
-    """Whether the most that a meter tells, `size` [W], is like what it has told as a rule, `usual` (n,). The noise of a
-    heater that is off is not, in any unit, nor is the first heat after a summer of such noise."""
-    return bool(np.quantile(usual, 0.1) <= size <= 1.5 * usual.max())
-
-
-def _since(look: Look, where: npt.NDArray[np.bool_]) -> float:
-    """Hours since the first of the new slots that are so."""
-    return float(len(where) - np.argmax(where)) * look.step
-
-
-def _silent(look: Look) -> Found:
-    """A meter that tells of no heat, in a room that has warmed meanwhile by far more than it ever did unexplained."""
+def _misread(look: Look) -> Found:
+    """Meters in whose place another one would explain the room better: one that tells a thousand times as much or a
+    thousandth, the same an hour earlier, or some of the usual heat where this one tells of none."""
     found = look.response
     if found is None:
         return
-    warmer = unexplained(found, _WARMING)
+    hour, as_told = look.slots(1.0), found.log_likelihood(found.errors)
     for column in look.columns("heat"):
-        hours = float(_quiet(look, column)[-1])
-        within = warmer[-int(hours - _WARMING + 1) :] if hours >= _WARMING else warmer[:0]
-        if np.nanmax(within, initial=0.0) > _MUCH:
-            yield METER_DEAD, column, hours
+        told, usual, highest = _heat(found, column)
+        if not len(usual) > look.slots(_LEAST_HEATED) or found.effect(column) * highest < found.scale:
+            continue
+        earlier = np.concatenate([told[hour:], np.full(hour, np.nan)])
+        others = ((UNIT_CHANGED, told * 1000.0), (UNIT_CHANGED, told / 1000.0), (METER_LATE, earlier))
+        for name, other in others:
+            # No noise of a heater that is off, and no first heat after a summer of noise, is like the usual heat.
+            like = (np.abs(other) >= np.quantile(usual, 0.1)) & (np.abs(other) <= 1.5 * highest)
+            values = np.where(like, other, told) if name == UNIT_CHANGED else other
+            ratios = found.log_likelihood(found.errors_if(column, values)) - as_told
+            if (hours := _evident(look, ratios, _SURE[name])) is not None:
+                yield name, column, hours
+        quiet = np.abs(told) <= _HEATED * highest
+        powers = np.nanquantile(told[: found.known], _SPREAD)
+        moved = found.log_likelihood(found.errors[:, None] - found.effect(column) * powers)
+        ratios = np.where(quiet, np.log(np.exp(moved).mean(axis=1)) - as_told, -_NEVER)
+        hours = _evident(look, ratios, _SURE[METER_DEAD])
+        silent, warming = float(_quiet(look, column)[-1]), look.slots(_WARMING)
+        if hours is None and silent > _WARMING:
+            warmer = _means(found.errors, warming)
+            within = warmer[-max(1, look.slots(silent) - warming) :]
+            usually = max(_highest(warmer[: found.known]), _EXPLAINED * look.step)
+            hours = silent if _highest(within) > _ABOVE * usually else None
+        if hours is not None:
+            yield METER_DEAD, column, max(hours, silent)
 
 
-def _quiet(look: Look, column: int) -> Array:
-    """For how many hours a meter has told of no heat, at each slot from the first of the reference on."""
-    values = np.concatenate([look.past[:, column], look.new[:, column]])
-    highest = np.nanmax(look.past[:, column], initial=0.0)
-    heated = np.cumsum(np.abs(values) > 0.02 * highest).astype(np.float64)
-    return np.asarray(_same(np.where(np.isnan(values), np.nan, heated)) * look.step)
+def _negative(look: Look) -> Found:
+    """A meter that tells negative heat for the first time, and no other."""
+    for column in look.columns("heat"):
+        past, new = look.past[:, column], look.new[:, column]
+        highest = _highest(past)
+        told = new[np.abs(new) > 0.05 * highest]
+        if highest > 0.0 and np.nanmin(past, initial=0.0) >= -0.01 * highest and len(told) and (told[-3:] < 0.0).all():
+            yield SIGN_FLIPPED, column, float(len(new) - np.argmax(new < -0.05 * highest)) * look.step
 
 
-def _far(look: Look) -> Found:
-    """A room that is heated where it was never heated before and has warmed more than that explains, or whose day is
-    colder than ever with the heating as usual."""
+def _heat(found: Response, column: int) -> tuple[Array, Array, float]:
+    """What a meter tells (n,), what of the reference is heat (m,), and the largest of that."""
+    told = found.rows[:, column]
+    past, highest = told[: found.known], _highest(told[: found.known])
+    return told, past[past > _HEATED * highest], highest
+
+
+def _highest(values: Array) -> float:
+    """The largest of `values` that are known, at least 0."""
+    return float(np.nanmax(values, initial=0.0))
+
+
+def _evident(look: Look, ratios: Array, sure: float) -> float | None:
+    """For how many hours the log-likelihood `ratios` (n,) have spoken against what is told; None where they do not,
+    or not more than is usual in the reference."""
     day = look.slots(24.0)
-    heat = list(look.columns("heat"))
-    if not heat or len(look.past) < 3 * day:
+    evidence = gathered(ratios, day)
+    if not evidence[-1] > max(sure, _ABOVE * evidence[: len(look.past)].max()):
+        return None
+    begun = np.flatnonzero(evidence == 0.0)
+    return float(len(evidence) - 1 - begun[-1] if len(begun) else day) * look.step
+
+
+def _warm(look: Look) -> Found:
+    """A room that is heated where it was never heated before, and has warmed as its inputs do not explain: at once, or
+    by and by; or whose day is colder than ever with the heating as usual."""
+    day, heat, found = look.slots(24.0), list(look.columns("heat")), look.response
+    if not heat or found is None:
         return
-    channels = np.concatenate([look.past, look.new])
-    known = len(look.past)
-    power = np.abs(channels[:, heat]).sum(axis=1)
-    heated = power > 0.02 * np.nanmax(power[:known], initial=0.0)
-    warmest = np.nanmax(channels[:known, 0][heated[:known]], initial=-np.inf)
-    lately = channels[-day:, 0][heated[-day:]]
-    if np.isfinite(warmest) and (lately > warmest + _LEAST_JUMP).sum() >= look.slots(3.0):
-        found = look.response
-        if found is not None and np.nanmax(unexplained(found, _WARMING)[-24:], initial=0.0) > _SOME:
+    known, room = found.known, found.rows[:, 0]
+    power = np.abs(found.rows[:, heat]).sum(axis=1)
+    highest = _highest(power[:known])
+    heated = (power > _HEATED * highest) & (power < 1.5 * highest)
+    felt = max(found.effect(column) * _heat(found, column)[2] for column in heat) > found.scale
+    if not felt or heated[:known].sum() < look.slots(_LEAST_HEATED):
+        return
+    above = np.where(heated, room - np.nanmax(room[:known][heated[:known]], initial=-np.inf), -np.inf)
+    leap = max(_LEAST_JUMP, _SOME * _highest(found.errors[:known]))
+    for place in np.flatnonzero(found.errors[known:] > leap) + known:
+        before, after = _middle(room[max(place - 3, 0) : place]), _middle(room[place : place + 3])
+        if after - before > leap and (above[place:] > 0.5 * (after - before)).sum() >= look.slots(1.0):
+            yield SENSOR_JUMPED, 0, float(len(room) - place) * look.step
+            return
+    if (above[-day:] > _LEAST_JUMP).sum() >= look.slots(3.0):
+        warmer = _means(found.errors, look.slots(_WARMING))
+        if _highest(warmer[-day:]) > _SOME * max(_highest(warmer[:known]), _EXPLAINED * look.step):
             yield SENSOR_DRIFTS, 0, 24.0
             return
-    room, heating = _means(channels[:, 0], day), _means(power, day)
+    daily, heating = _means(room, day), _means(power, day)
     usual = np.nanmedian(heating[:known])
-    if room[-1] < np.nanmin(room[:known], initial=np.inf) - 2.0 and 0.9 * usual < heating[-1] < 1.2 * usual:
+    if (
+        usual > _HEATED * highest
+        and daily[-1] < np.nanmin(daily[:known], initial=np.inf) - 2.0
+        and 0.9 * usual < heating[-1] < 1.2 * usual
+    ):
         yield SENSOR_DRIFTS, 0, 24.0
 
 
@@ -370,14 +417,12 @@ def _means(values: Array, slots: int) -> Array:
     return means
 
 
-def _delayed(look: Look) -> Found:
-    """A meter that tells what it measured an hour ago."""
-    found = look.response
-    if found is None:
-        return
-    for column in look.columns("heat"):
-        if lateness(found, column):
-            yield METER_LATE, column, 24.0
+def _quiet(look: Look, column: int) -> Array:
+    """For how many hours a meter has told of no heat, at each slot from the first of the reference on."""
+    values = np.concatenate([look.past[:, column], look.new[:, column]])
+    highest = np.nanmax(look.past[:, column], initial=0.0)
+    heated = np.cumsum(np.abs(values) > _HEATED * highest).astype(np.float64)
+    return np.asarray(_same(np.where(np.isnan(values), np.nan, heated)) * look.step)
 
 
-_TESTS: tuple[Callable[[Look], Found], ...] = (_stuck, _leaps, _turned, _amounts, _silent, _far, _delayed)
+_TESTS: tuple[Callable[[Look], Found], ...] = (_stuck, _leaps, _turned, _negative, _misread, _warm)

@@ -1,4 +1,9 @@
-"""How a room answers its inputs from hour to hour, by least squares: late meters, and heat that nobody tells of."""
+"""How a room answers its inputs from slot to slot, by least squares, and what speaks for inputs other than those told.
+
+The errors of the fit are taken for Student's t, since windows and visitors leave a tail. If the inputs were others, the
+same room would leave other errors: the ratio of the two likelihoods, gathered as in Page's test (CUSUM), is the
+evidence for that. The reference says how much evidence comes about when nothing is wrong.
+"""
 
 from __future__ import annotations
 
@@ -6,95 +11,94 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from estimator.arrays import Array
 
 _RIDGE = 1e-3
-_LAST = 24
-"""h over which a meter is judged."""
-
-_WORSE, _BETTER = 1.5, 0.5
-"""The last day must be worse explained than the reference by this factor, and late heat must explain it this much
-better: on heated buildings without faults one hour in a hundred comes near."""
-
-
-_EXPLAINED = 0.15
-"""K/h: an error up to this is usual in any room. A changed set-point brings less than .1, a drift that matters more."""
+_LONGEST = 6
+"""Slots that the regressors reach back."""
+_LEAST = 288
+"""Slots that must be complete in the reference."""
+_FREEDOM = 3.0
+"""Of Student's t."""
+_FINEST = 0.01
+"""K: no thermometer tells a rise more exactly."""
 
 
 class Response(NamedTuple):
-    """How the room answered its inputs in the reference, and what of its rise is not explained by that."""
+    """How the room answered its inputs in the reference, the first `known` of n slots."""
 
-    hours: Array
-    """(h, n): the telemetry of whole hours, the room in column 0."""
+    rows: Array
+    """(n, c): the room in column 0, then the inputs."""
+    known: int
     kinds: Sequence[str]
     """What each column is."""
     coefficients: Array
     """(p,): of the regressors."""
     errors: Array
-    """(h - 3,): of the rise [K] from an hour to the next; NaN where something was not measured."""
-    known: int
-    """How many of them belong to the reference."""
+    """(n,): of the rise [K] into each slot; NaN where something was not measured."""
+    scale: float
+    """Of the errors in the reference [K]."""
+
+    def errors_if(self, column: int, values: Array) -> Array:
+        """(n,): what the errors would be if the inputs in `column` had been `values` (n,)."""
+        rows = self.rows.copy()
+        rows[:, column] = values
+        return _errors(rows, self.kinds, self.coefficients)
+
+    def effect(self, column: int) -> float:
+        """K by which the first slots of a unit of a heat move the room."""
+        place = 5 + 4 * [at for at, kind in enumerate(self.kinds) if kind != "outside" and at].index(column)
+        return float(self.coefficients[place : place + 2].sum())
+
+    def log_likelihood(self, errors: Array) -> Array:
+        """(...,): of `errors` (...,), but for a constant."""
+        return np.asarray(-(_FREEDOM + 1.0) / 2.0 * np.log1p(errors**2 / (_FREEDOM * self.scale**2)))
 
 
-def response(past: Array, new: Array, kinds: Sequence[str], slots: int) -> Response | None:
-    """The response of the room in the reference `past` (m, n), and its errors from there to the end of `new` (k, n);
-    rows come `slots` an hour. None where the reference is too short."""
-    hours = _hourly(np.concatenate([past, new]), slots)
-    known = len(past) // slots - 3
-    if known < 3 * _LAST - 3 or len(hours) - known < 5:
-        return None
-    regressors, rise = _regression(hours, kinds, 0, 0)
+def response(rows: Array, known: int, kinds: Sequence[str]) -> Response | None:
+    """The response of the room in the first `known` of `rows` (n, c); None where too little of that is complete."""
+    regressors, rise = _regression(rows, kinds)
     good = np.isfinite(regressors).all(axis=1) & np.isfinite(rise)
-    reference = good & (np.arange(len(rise)) < known)
-    if reference.sum() < 2 * _LAST:
+    reference = np.flatnonzero(good[: max(known - _LONGEST - 1, 0)])
+    if len(reference) < _LEAST:
         return None
     scale = np.maximum(regressors[reference].std(axis=0), 1e-9)
     scale[0] = 1.0
-    known_rows = regressors[reference] / scale
-    gram = known_rows.T @ known_rows + _RIDGE * len(known_rows) * np.eye(len(scale))
-    coefficients = np.linalg.solve(gram, known_rows.T @ rise[reference]) / scale
-    return Response(hours, kinds, coefficients, np.where(good, rise - regressors @ coefficients, np.nan), known)
+    past = regressors[reference] / scale
+    gram = past.T @ past + _RIDGE * len(past) * np.eye(len(scale))
+    coefficients = np.linalg.solve(gram, past.T @ rise[reference]) / scale
+    errors = _errors(rows, kinds, coefficients)
+    usual = errors[:known][np.isfinite(errors[:known])]
+    low, high = np.quantile(usual, [0.16, 0.84])
+    spread = max((high - low) / 2.0, 0.3 * float(usual.std()), _FINEST)
+    return Response(rows, known, kinds, coefficients, errors, spread)
 
 
-def lateness(found: Response, column: int) -> bool:
-    """Whether the room's last day follows what the meter in `column` tells an hour later."""
-    usual = float(np.nanvar(found.errors[: found.known]))
-    ahead, rise = _regression(found.hours, found.kinds, column, 1)
-    last = np.flatnonzero(np.isfinite(found.errors))[-_LAST - 1 : -1]
-    last = last[last >= len(rise) - _LAST - 1]
-    if len(last) < _LAST // 2:
-        return False
-    now, shifted = np.mean(found.errors[last] ** 2), np.mean((rise - ahead @ found.coefficients)[last] ** 2)
-    return bool(now > _WORSE * usual and shifted < _BETTER * now)
+def gathered(ratios: Array, slots: int) -> Array:
+    """(n,): the largest sum of the log-likelihood `ratios` (n,) up to each slot that begins within the last `slots`."""
+    sums = np.concatenate([np.zeros(slots + 1), np.cumsum(np.where(np.isfinite(ratios), ratios, 0.0))])
+    return np.asarray(sums[slots + 1 :] - sliding_window_view(sums[1:], slots + 1).min(axis=1)[: len(ratios)])
 
 
-def unexplained(found: Response, hours: int) -> Array:
-    """(w,): the mean error of each `hours` in a row since the reference, over the largest of such means in the
-    reference, _EXPLAINED at least; NaN where something was not measured. The last one is that of the last hours."""
-    means = np.convolve(found.errors, np.full(hours, 1.0 / hours), "valid")
-    usual = np.nanmax(means[: max(found.known - hours + 1, 1)], initial=_EXPLAINED)
-    return np.asarray(means[found.known :] / usual)
+def _errors(rows: Array, kinds: Sequence[str], coefficients: Array) -> Array:
+    regressors, rise = _regression(rows, kinds)
+    errors = np.full(len(rows), np.nan)
+    errors[_LONGEST + 1 :] = rise - regressors @ coefficients
+    return errors
 
 
-def _hourly(rows: Array, slots: int) -> Array:
-    """(h, n): means of whole hours that end with the last row; NaN where a slot is missing."""
-    count = len(rows) // slots
-    return np.asarray(rows[len(rows) - count * slots :].reshape(count, slots, -1).mean(axis=1))
-
-
-def _regression(hours: Array, kinds: Sequence[str], late: int, by: int) -> tuple[Array, Array]:
-    """Regressors (h - 3, p) and rise of the room (h - 3,) [K] from an hour to the next, with the column `late` taken
-    `by` hours later."""
-    room = hours[:, 0]
-    at = np.arange(2, len(hours) - 1)
-    columns = [np.ones(len(at)), room[at] - room[at - 1], room[at - 1] - room[at - 2]]
+def _regression(rows: Array, kinds: Sequence[str]) -> tuple[Array, Array]:
+    """Regressors (n - 7, p) and rise of the room (n - 7,) [K] from a slot to the next."""
+    room, at = rows[:, 0], np.arange(_LONGEST, len(rows) - 1)
+    columns = [
+        np.ones(len(at)),
+        *(room[at - k] - room[at - k - 1] for k in range(3)),
+        room[at - 3] - room[at - _LONGEST],
+    ]
     for column, kind in enumerate(kinds[1:], 1):
-        values = hours[:, column]
-        if kind == "outside":
-            columns.append(values[at] - room[at])
-            continue
-        if column == late and by:
-            values = np.concatenate([values[by:], np.full(by, values[-1])])
-        columns += [values[at + 1], values[at], values[at - 1]]
+        if kind != "outside":
+            columns += [rows[at + 1 - k, column] for k in range(4)]
+    columns += [rows[at, column] - room[at] for column, kind in enumerate(kinds) if kind == "outside"]
     return np.column_stack(columns), room[at + 1] - room[at]
