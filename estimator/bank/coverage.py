@@ -3,6 +3,8 @@
 Adaptive conformal inference (Gibbs and Candes 2021): at every verified forecast the log of the published spread over
 that of the mixture grows where the interval missed, and shrinks a little where it did not. In the long run this holds
 whatever the members do. The steps are larger while few forecasts have been verified, for a wrong spread is then likely.
+Forecasts that overlap miss together: each moves the spread as far as it is a forecast of its own, or one event would
+widen what is published for weeks.
 
 Whether an interval held says little about how much too wide it was. So the spread also follows its maximum likelihood,
 recursively: with z the standard normal quantile at the probability of what came, z^2 is 1 on average where the spread
@@ -48,12 +50,12 @@ def with_place(
     """`widths` after a sample at `place` of the published distribution, a probability, `horizon` ahead.
 
     `share` is what the forecast counts as, in independent ones, 0 to 1. `level` is that of the interval; the step of
-    the log scale is `feedback`, or `first` over the number of verified forecasts where that is more.
+    the log scale is `feedback`, or `first` over the number of verified forecasts where that is more, times `share`.
     """
     log_scale, verified = widths.log_scale.copy(), widths.verified.copy()
     verified[horizon] += 1.0
     missed = float(abs(place - 0.5) > 0.5 * level)
-    step = max(feedback, first / verified[horizon])
+    step = max(feedback, first / verified[horizon]) * share
     surprise = min(float(ndtri(place)) ** 2, _FARTHEST)
     likelihood = 0.5 * (surprise - 1.0) * share / (_PRIOR + share * verified[horizon])
     moved = log_scale[horizon] + step * (missed - (1.0 - level)) + likelihood

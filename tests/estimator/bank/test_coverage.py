@@ -22,3 +22,11 @@ def test_in_the_long_run_the_interval_holds_as_often_as_it_claims_whatever_the_d
         held.append(abs(place - 0.5) <= 0.475)
         widths = with_place(widths, 0, place, 1.0, **LEVELS)
     assert np.mean(held[1000:]) == pytest.approx(0.95, abs=0.005)
+
+
+def test_forecasts_that_miss_one_event_together_widen_as_one_forecast_does():
+    settled = LEVELS | {"first": 0.0}
+    once, together = with_place(no_widths(1), 0, 1.0, 1.0, **settled), no_widths(1)
+    for _ in range(24):
+        together = with_place(together, 0, 1.0, 1.0 / 24.0, **settled)
+    assert together.log_scale[0] == pytest.approx(once.log_scale[0], rel=0.05)
