@@ -101,9 +101,9 @@ def test_check_warns_of_state_with_which_run_does_not_start(config: Path, capsys
         journal.append_all([(zone.id, sample(1))])
     journal.close()
     assert main(["check", str(config)]) == 0
-    assert "warning" not in capsys.readouterr().out
+    assert "stored state" not in capsys.readouterr().out
     assert main(["check", str(config), "--set", "zones.living.network=titeth"]) == 0
-    (warning,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("warning: ")]
+    (warning,) = [line for line in capsys.readouterr().out.splitlines() if "stored state" in line]
     assert warning.startswith("warning: zone 'living': the stored state in ")
     assert "`thermogate run CONFIG --reset living`" in warning
 
