@@ -46,7 +46,7 @@ class Purpose(IntEnum):
     SCENARIO = 22
     SCENARIO_SWITCH = 23
     LAW = 24
-    FORESEEN = 25
+    FORESEEN = 33
     FORECAST = 8
     """Added to the purpose of a draw that belongs to a forecast, so that asking for one changes nothing."""
 

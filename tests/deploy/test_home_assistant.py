@@ -16,9 +16,10 @@ from support.harness import ROOT, THERMOGATE, Daemon
 from support.home_assistant import HOME, clean
 from support.thermostat_house import recorded
 
-from replay.recorded.learning import learn, survey
+from replay.recorded.learning import learn
 from service.config.load import load, load_history
 from service.errors import ConfigError
+from service.recordings.history import survey
 from service.web.keys import Scope, create_key
 
 PERIOD = 600
@@ -60,7 +61,7 @@ def test_the_integration_in_home_assistant(tmp_path: Path) -> None:
     plant, history = configured(tmp_path)
     record(tmp_path / "past.csv", days=4)
     config = load_history(plant, history)
-    learn(config, survey(config, None, None), jobs=1)
+    learn(config, survey(config, config.zones, None, None), jobs=1)
     scopes: dict[str, Scope] = {"admin": "admin", "short": "admin", "reader": "read"}
     keys = {name: create_key(tmp_path / "state" / "keys.json", name, scope) for name, scope in scopes.items()}
     component = ROOT / "deploy" / "home-assistant" / "custom_components" / "thermogate"

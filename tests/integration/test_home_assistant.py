@@ -23,13 +23,14 @@ from support.home_assistant import HomeAssistant
 from support.running_zone import Announced
 
 from adapters.mqtt.broker import BrokerConfig
-from replay.recorded.learning import learn, survey
+from replay.recorded.learning import learn
 from service.config.load import load_history
 from service.errors import ConfigError
 from service.forecast.ahead import LookingAhead
 from service.forecast.answers import Preheat, Range
 from service.publish.mqtt import Publisher
 from service.publish.sinks import Announcement, Occasion, Reports
+from service.recordings.history import survey
 from service.records.skill import HorizonSkill
 from service.records.trust import HorizonTrust, Trust
 
@@ -280,7 +281,7 @@ def test_a_zone_learns_from_what_the_recorder_has_kept(home: tuple[HomeAssistant
     """.replace("FOLDER", str(folder))
     (tmp_path / "history.toml").write_text(history)
     config = load_history(plant, tmp_path / "history.toml")
-    (trace,) = learn(config, survey(config, None, None), jobs=1).traces
+    (trace,) = learn(config, survey(config, config.zones, None, None), jobs=1).traces
     measured = [row.y for row in trace.rows if row.y == row.y]
     assert len(measured) >= 4
     assert measured == sorted(measured)

@@ -35,10 +35,13 @@ class Shown:
     """A worker of which every sample is shown to `look` before the step over it."""
 
     def __init__(self, inner, look):
-        self.__dict__ |= {"_inner": inner, "_look": look}
+        self.__dict__.update(_inner=inner, _look=look)
 
     def __getattr__(self, name):
         return getattr(self._inner, name)
+
+    def __setattr__(self, name, value):
+        setattr(self._inner, name, value)
 
     def anew(self):
         return Shown(self._inner.anew(), self._look)

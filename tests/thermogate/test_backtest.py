@@ -45,6 +45,7 @@ def test_a_forecast_one_step_ahead_is_the_one_of_the_model(found):
     np.testing.assert_allclose(ahead["mean"], own["mean"].loc[ahead.index], rtol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:the table. T_i varies")
 def test_a_forecast_knows_nothing_of_what_comes_after_it():
     cut = 5 * 48
     early = tg.backtest(TABLE.iloc[:cut], "tite", columns=COLUMNS, estimator="ekf")

@@ -69,8 +69,8 @@ def page(report: Report) -> str:
     return (
         f"<!doctype html><html lang='{report.language}'><head><meta charset='utf-8'>"
         f"<meta name='viewport' content='width=device-width, initial-scale=1'><title>{escape(report.title)}</title>"
-        f"<style>{style}</style>{script}</head><body><h1>{escape(report.title)}</h1>"
-        f"<div class='lead'><ul>{lead}</ul></div>{''.join(map(_section, report.sections))}</body></html>\n"
+        f"<style>{style}</style>{script}</head><body><main><h1>{escape(report.title)}</h1>"
+        f"<div class='lead'><ul>{lead}</ul></div>{''.join(map(_section, report.sections))}</main></body></html>\n"
     )
 
 

@@ -75,7 +75,7 @@ class Table:
         note = f"<p class='note'>{escape(self.note)}</p>" if self.note else ""
         return (
             f"<figure class='table'><figcaption>{escape(self.title)}</figcaption>"
-            f"<div class='scroll' tabindex='0' role='region' aria-label='{escape(self.title)}'>"
+            f"<div class='scroll' tabindex='0' role='group' aria-label='{escape(self.title)}'>"
             f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>{note}</figure>"
         )
 
