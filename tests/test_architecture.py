@@ -2,6 +2,7 @@
 
 import ast
 import re
+from functools import cache
 
 import pytest
 from support.harness import ROOT
@@ -96,17 +97,25 @@ def dotted(path):
     return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
+@cache
+def parsed(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def imports(path):
     """Every module that the file imports, as its full name; `from a import b` as a.b where that is a module."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    found = []
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            found += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path} imports relatively"
             for alias in node.names:
                 name = f"{node.module}.{alias.name}"
                 is_module = any((ROOT / name.replace(".", "/")).with_suffix(suffix).exists() for suffix in ("", ".py"))
-                yield name if is_module else node.module
+                found.append(name if is_module else node.module)
+    return found
 
 
 def room_of(name):
@@ -150,7 +159,7 @@ def test_the_http_server_knows_no_route_and_the_estimator_is_mathematics_only():
 def test_every_room_says_what_lives_in_it(package):
     for path in modules(package):
         if path.name == "__init__.py":
-            assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), f"{path} has no docstring"
+            assert ast.get_docstring(parsed(path)), f"{path} has no docstring"
             rooms = len([module for module in path.parent.glob("*.py") if module != path])
             assert rooms <= CROWDED, f"{path.parent} holds {rooms} modules"
 
@@ -173,8 +182,8 @@ MOST_ARGUMENTS = 7
 def test_no_constructor_takes_more_arguments_than_can_be_kept_in_mind():
     found = {}
     for path in (path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
-        for made in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            for function in made.body if isinstance(made, ast.ClassDef) else ():
+        for made in (one for one in ast.walk(parsed(path)) if isinstance(one, ast.ClassDef)):
+            for function in made.body:
                 if isinstance(function, ast.FunctionDef) and function.name == "__init__":
                     arguments = function.args
                     if len([*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]) - 1 > MOST_ARGUMENTS:

@@ -21,6 +21,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 from support.harness import ROOT
+from support.schemas import models
 
 from adapters.bacnet import config as bacnet
 from adapters.channel import ChannelConfig, LiveConfig, SourceConfig
@@ -205,19 +206,6 @@ def _told(field: FieldInfo) -> str:
 PAGES = [ROOT / "docs" / "configuration.md", *sorted((ROOT / "adapters").glob("*/README.md"))]
 
 
-def models(annotation: Any, seen: set[Any]) -> Iterator[type[BaseModel]]:
-    """The models in `annotation` and in their fields."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        if annotation not in seen:
-            seen.add(annotation)
-            yield annotation
-            for field in annotation.model_fields.values():
-                yield from models(field.annotation, seen)
-    elif get_origin(annotation) in (Union, UnionType) or get_args(annotation):
-        for part in get_args(annotation):
-            yield from models(part, seen)
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_the_tables_of_a_page_are_those_of_the_models(page: Path) -> None:
     written = filled(page)
@@ -230,8 +218,7 @@ def test_no_table_of_the_configuration_is_left_out() -> None:
     shown = {model for page in PAGES for model in marked(page)}
     kinds = [*SOURCE_KINDS.values(), *(kind.channel for kind in SOURCE_KINDS.values()), *WEATHER_KINDS.values()]
     roots = [Config, PresetConfig, InlineConfig, *kinds, *(kind.table for kind in SINK_KINDS.values())]
-    seen: set[Any] = {ZoneConfig}
-    needed = {model for root in roots for model in models(root, seen)} - {Config}
+    needed = models(*roots) - {Config, ZoneConfig}
     bases = {base for model in needed for base in SHARED if issubclass(model, base)}
     # A subclass that has no key of its own needs no table of its own.
     own = {model for model in needed | bases if get_annotations(model)}

@@ -1,13 +1,13 @@
-"""JSON held to the schema of the record or model that it is."""
+"""JSON held to the schema of the record or model that it is, and the models of a configuration."""
 
 from __future__ import annotations
 
 import json
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args
 
 import jsonschema
-from pydantic import TypeAdapter
+from pydantic import BaseModel, TypeAdapter
 
 
 def check(document: object, kind: Any) -> None:
@@ -18,6 +18,19 @@ def check(document: object, kind: Any) -> None:
 def objects(document: str | bytes) -> Any:
     """JSON with attributes in place of keys."""
     return json.loads(document, object_hook=lambda found: SimpleNamespace(**found))
+
+
+def models(*annotations: Any) -> set[type[BaseModel]]:
+    """Every model in `annotations`, and in those of its fields."""
+    found: set[type[BaseModel]] = set()
+    ahead = list(annotations)
+    while ahead:
+        one = ahead.pop()
+        ahead += get_args(one)
+        if isinstance(one, type) and issubclass(one, BaseModel) and one not in found:
+            found.add(one)
+            ahead += [field.annotation for field in one.model_fields.values()]
+    return found
 
 
 def _complete(schema: Any) -> Any:
