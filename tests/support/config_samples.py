@@ -55,27 +55,6 @@ def sound(folder: Path) -> dict[str, Any]:
     }
 
 
-def inline_network() -> dict[str, Any]:
-    """The tables of a sound inline network with a learned aperture and a split heater."""
-    return {
-        "name": "attic",
-        "measured": ["T_air"],
-        "boundaries": ["T_out"],
-        "capacitances": {"T_air": {"lower": 1e5, "upper": 1e7}, "T_wall": {"name": "C_w", "value": 4e6}},
-        "conductances": [
-            {"name": "g_air_wall", "between": ["T_air", "T_wall"], "lower": 10, "upper": 5000},
-            {"name": "g_wall_out", "between": ["T_wall", "T_out"], "lower": 5, "upper": 500, "nominal": 60},
-        ],
-        "heat_inputs": [
-            {"channel": "u_heat", "node": "T_air", "gain": {"name": "f_air", "lower": 0.02, "upper": 0.98}},
-            {"channel": "u_heat", "node": "T_wall", "gain": {"rest_of": "f_air"}},
-            {"channel": "I_sol", "node": "T_air", "unit": "W/m2", "gain": {"name": "A_w", "value": 4.5}},
-            {"channel": "n_people", "node": "T_air", "unit": "people", "gain": 80},
-        ],
-        "initial": {"T_wall": {"source": "T_out", "sd": 4.0}},
-    }
-
-
 def write(folder: Path, tables: dict[str, Any]) -> Path:
     """`tables` as a configuration file in `folder`."""
     path = folder / "house.toml"

@@ -317,29 +317,23 @@ def test_no_other_file_is_taken_for_a_model(tmp_path: Path, model: tg.Model) -> 
     path = tmp_path / "m.npz"
     with pytest.raises(tg.DataError, match="there is no file"):
         tg.load(path)
-    path.write_bytes(b"PK nonsense")
-    with pytest.raises(tg.DataError, match="no saved model"):
-        tg.load(path)
     model.save(path)
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
-    path.write_bytes(content)
-    with pytest.raises(tg.DataError, match=r"no saved model, or it is damaged"):
-        tg.load(path)
-    with pytest.raises(tg.DataError, match="cannot be written"):
-        model.save(tmp_path / "nowhere" / "m.npz")
+    for spoilt in (b"PK nonsense", bytes(content)):
+        path.write_bytes(spoilt)
+        with pytest.raises(tg.DataError, match="no saved model, or it is damaged"):
+            tg.load(path)
 
 
 def test_a_model_that_cannot_be_written_leaves_nothing_behind(
     tmp_path: Path, model: tg.Model, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = tmp_path / "models"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    for path in (folder, "", "."):
+    monkeypatch.chdir(tmp_path)
+    for path in (tmp_path, "", ".", tmp_path / "nowhere" / "m.npz"):
         with pytest.raises(tg.DataError, match=r"cannot be written to .*; choose another file"):
             model.save(path)
-    assert [path.name for path in tmp_path.rglob("*")] == ["models"]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_plan_can_be_written_in_many_ways(model: tg.Model) -> None:
@@ -428,8 +422,6 @@ def test_skill_has_one_row_for_every_horizon(model: tg.Model) -> None:
     assert issued.loc["6h", "crps"] > 0.0
     assert {"coverage", "width", "persistence_crps", "yesterday_crps"} <= set(issued.columns)
     assert list(hourly.skill(days=1).index) == ["1 step", "6h", "24h"]
-    with pytest.raises(tg.DataError, match="days must be one of 1, 7, 30, not 2"):
-        model.skill(2)
 
 
 def test_the_weights_of_a_bank() -> None:
@@ -562,8 +554,6 @@ def test_a_mistake_in_a_plan_is_one_sentence(plan: Any, horizon: Any, sentence: 
 
 def test_what_an_estimator_does_not_have_is_said(model: tg.Model) -> None:
     assert model.scenarios(count=3).shape == (145, 3)
-    with pytest.raises(tg.DataError, match="levels must be a list of numbers between 0 and 1"):
-        model.forecast(levels=[95])
     black_box = tg.fit(room(), "tite", estimator="arx")
     with pytest.raises(tg.DataError, match="the estimator arx has no parameters of a building"):
         black_box.parameters()
@@ -582,8 +572,15 @@ def test_a_meter_of_energy_becomes_power_and_is_not_planned(model: tg.Model) -> 
         found.forecast({"meter": 1.0})
 
 
-def python(code: str, **environment: str) -> str:
-    """What a fresh interpreter prints."""
+def test_it_is_imported_quickly_and_says_how_to_install_pandas(tmp_path: Path) -> None:
+    code = (
+        "import os, sys, thermogate as tg\n"
+        "print('numba' in sys.modules, 'pandas' in sys.modules, 'NUMBA_CACHE_DIR' in os.environ, 'fit' in dir(tg))\n"
+        "sys.modules['pandas'] = None\n"
+        "try:\n    tg.fit(None, 'tite')\nexcept ImportError as error:\n    print(error)\n"
+        "import numba\nprint(numba.config.CACHE_DIR == os.environ['NUMBA_CACHE_DIR'])\n"
+        "try:\n    tg.fitt\nexcept AttributeError as error:\n    print(error)"
+    )
     own = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code],
@@ -592,25 +589,12 @@ def python(code: str, **environment: str) -> str:
         timeout=120,
         check=False,
         cwd=ROOT,
-        env=own | environment,
+        env=own | {"XDG_CACHE_HOME": str(tmp_path)},
     )
     assert (done.returncode, done.stderr) == (0, "")
-    return done.stdout
-
-
-def test_without_pandas_one_sentence_says_how_to_install_it() -> None:
-    blocked = "import sys; sys.modules['pandas'] = None\nimport thermogate as tg\n"
-    told = python(blocked + "try:\n    tg.fit(None, 'tite')\nexcept ImportError as error:\n    print(error)")
-    assert told == 'pandas is not installed; install it with: pip install "thermogate[pandas]"\n'
-
-
-def test_importing_it_is_quick_and_chooses_the_cache_before_numba(tmp_path: Path) -> None:
-    code = (
-        "import os, sys, thermogate as tg\n"
-        "print('numba' in sys.modules, 'pandas' in sys.modules, 'NUMBA_CACHE_DIR' in os.environ, 'fit' in dir(tg))\n"
-        "tg.fit, tg.load, tg.Model\n"
-        "import numba\nprint(numba.config.CACHE_DIR == os.environ['NUMBA_CACHE_DIR'])\n"
-        "try:\n    tg.fitt\nexcept AttributeError as error:\n    print(error)"
-    )
-    said = python(code, XDG_CACHE_HOME=str(tmp_path)).splitlines()
-    assert said == ["False False False True", "True", "module 'thermogate' has no attribute 'fitt'"]
+    assert done.stdout.splitlines() == [
+        "False False False True",
+        'pandas is not installed; install it with: pip install "thermogate[pandas]"',
+        "True",
+        "module 'thermogate' has no attribute 'fitt'",
+    ]

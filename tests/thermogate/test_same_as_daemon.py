@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import json
-import tomllib
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from support.harness import EXAMPLES, overrides
+from support.tables import rows_of
 
 import thermogate as tg
 from service.cli.main import main
 
 FIELDS = {"y": "y", "mean": "mean", "lower_0.95": "lower", "upper_0.95": "upper", "sd": "sd", "residual": "residual"}
-
-
-def replayed(config: str, out: Path, settings: dict[str, object]) -> tuple[list[dict[str, str]], list, dict[str, Any]]:
-    """The rows of updates.csv and parameters.csv, and the zone's summary."""
-    path = EXAMPLES / config
-    assert main(["replay", str(path), "--out", str(out), *overrides(settings)]) == 0
-    zones = json.loads((out / "summary.json").read_text())["zones"]
-    (zone,) = zones
-    with (out / zone / "updates.csv").open() as updates, (out / zone / "parameters.csv").open() as parameters:
-        return list(csv.DictReader(updates)), list(csv.DictReader(parameters)), zones[zone]
 
 
 def numbers(rows: list[dict[str, str]], name: str) -> np.ndarray:
@@ -59,35 +49,12 @@ def assert_the_same(model: tg.Model, updates: list, parameters: list, summary: d
             assert skill.loc[name, score] == pytest.approx(one[score] or np.nan, rel=0, abs=0, nan_ok=True)
 
 
-def test_an_export_with_local_times_and_an_inline_network(tmp_path: Path) -> None:
-    config = tomllib.loads((EXAMPLES / "generic-csv.toml").read_text())
-    zone = config["zones"][0]
-    updates, parameters, summary = replayed(
-        "generic-csv.toml", tmp_path, {"zones.0.estimator_options.particles": 100, "zones.0.seed": 4}
-    )
-    frame = pd.read_csv(EXAMPLES / "data" / "generic.csv", sep=";", decimal=",", index_col="Zeit")
-    frame.index = pd.to_datetime(frame.index, format="%d.%m.%Y %H:%M")
-    model = tg.fit(
-        frame,
-        network=zone["network"],
-        tz="Europe/Berlin",
-        columns={
-            "T_i": "Raumtemperatur",
-            "T_out": ("Aussentemperatur", "degC"),
-            "u_heat": {"column": "Heizleistung_kW", "unit": "kW", "aggregate": "mean"},
-        },
-        levels=zone["levels"],
-        seed=4,
-        estimator_options={"particles": 100},
-    )
-    assert model.period == pd.Timedelta("15min")
-    assert_the_same(model, updates, parameters, summary)
-
-
 def test_a_raw_log_with_a_gap_missing_cells_and_late_rows(tmp_path: Path) -> None:
-    updates, parameters, summary = replayed(
-        "ecolar.toml", tmp_path, {"zones.0.estimator_options.particles": 64, "zones.0.seed": 0}
-    )
+    """Its times are local, and its heating is the sum of five columns."""
+    settings: dict[str, object] = {"zones.0.estimator_options.particles": 64, "zones.0.seed": 0}
+    assert main(["replay", str(EXAMPLES / "ecolar.toml"), "--out", str(tmp_path), *overrides(settings)]) == 0
+    ((zone, summary),) = json.loads((tmp_path / "summary.json").read_text())["zones"].items()
+    updates, parameters = (rows_of(tmp_path / zone / f"{name}.csv") for name in ("updates", "parameters"))
     assert summary["segments"] > 1
     frame = pd.read_csv(EXAMPLES / "data" / "ecolar-standin.csv.gz", index_col="Timestamp")
     assert frame.isna().to_numpy().any()
@@ -103,9 +70,6 @@ def test_a_raw_log_with_a_gap_missing_cells_and_late_rows(tmp_path: Path) -> Non
     options = {"preset": "paper", "particles": 64}
     arguments: dict[str, Any] = {"tz": "Europe/Berlin", "columns": columns, "estimator_options": options}
     arguments |= {"period": "5min", "max_gap": 0, "hold_inputs": 0}
-    if summary["faults"]:
-        with pytest.warns(UserWarning, match="not used"):
-            model = tg.fit(frame, "ecolar-6r4c", **arguments)
-    else:
+    with pytest.warns(UserWarning, match="not used") if summary["faults"] else nullcontext():
         model = tg.fit(frame, "ecolar-6r4c", **arguments)
     assert_the_same(model, updates, parameters, summary)

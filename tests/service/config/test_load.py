@@ -14,24 +14,18 @@ from service.config.fitting import fingerprint
 from service.config.load import load
 
 
-def test_relative_paths_are_taken_from_the_folder_of_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_relative_paths_are_taken_from_the_folder_of_the_file_and_home_is_expanded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     write(tmp_path, sound(tmp_path))
     monkeypatch.chdir(elsewhere)
-
     config = load(Path("../house.toml"))
-
     assert config.sources["log"].files == (tmp_path / "log.csv",)
     assert config.site.state_dir == tmp_path / "var/thermogate"
-
-
-def test_home_folder_is_expanded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-
-    config = load(write(tmp_path, sound(tmp_path)), ["site.state_dir=~/state"])
-
-    assert config.site.state_dir == tmp_path / "home/state"
+    assert load(Path("../house.toml"), ["site.state_dir=~/state"]).site.state_dir == tmp_path / "home/state"
 
 
 def test_windows_line_ends_and_byte_order_mark(tmp_path: Path) -> None:
@@ -42,26 +36,26 @@ def test_windows_line_ends_and_byte_order_mark(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("written", "seconds"),
-    [("30s", 30), ("5min", 300), ("1d", 86400), ("1.5 h", 5400), (90, 90), ("0s", 0)],
+    ("written", "seconds", "shown"),
+    [
+        ("30s", 30, "30s"),
+        ("5min", 300, "5min"),
+        ("1d", 86400, "1d"),
+        ("1.5 h", 5400, "90min"),
+        (90, 90, "90s"),
+        ("0s", 0, "0s"),
+        (1 / 3, 1 / 3, f"{1 / 3}s"),
+    ],
 )
-def test_durations(written: object, seconds: float) -> None:
+def test_durations_are_written_in_the_largest_unit_that_fits(written: object, seconds: float, shown: str) -> None:
     assert parse_duration(written) == seconds
+    assert (format_duration(seconds), parse_duration(shown)) == (shown, seconds)
 
 
 @pytest.mark.parametrize("wrong", ["", "5", "5m", "min", "1h30min", "-1s", "1e999s", -1, math.nan, None, True, []])
 def test_what_is_no_duration(wrong: object) -> None:
     with pytest.raises(ValueError, match="is not a duration; write a number with s, min, h or d"):
         parse_duration(wrong)
-
-
-@pytest.mark.parametrize(
-    ("seconds", "written"),
-    [(0, "0s"), (30, "30s"), (90, "90s"), (300, "5min"), (5400, "90min"), (86400, "1d"), (1 / 3, f"{1 / 3}s")],
-)
-def test_durations_are_written_in_the_largest_unit_that_fits_and_read_back(seconds: float, written: str) -> None:
-    assert format_duration(seconds) == written
-    assert parse_duration(written) == seconds
 
 
 def test_a_set_point_is_delivered_beside_the_channels(tmp_path: Path) -> None:

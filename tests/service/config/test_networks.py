@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from support.config_samples import inline_network
 
 from estimator.network import presets
 from estimator.network.network import Network
@@ -39,7 +38,6 @@ def test_a_preset_written_out_as_inline_network_is_the_same_network(name: str) -
 
 
 def test_network_without_heat_inputs() -> None:
-    table = inline_network()
+    table = network_table(presets.network("tite"))
     del table["heat_inputs"]
-
-    assert built(table).channels == ("T_air", "T_out")
+    assert built(table).channels == ("T_i", "T_out")

@@ -106,19 +106,6 @@ def test_a_neighbour_sees_the_room_as_its_thermostat_keeps_it():
     assert room({"u_heat": 0.0}) < 15.0
 
 
-@pytest.mark.parametrize(
-    ("zone", "sentence"),
-    [
-        (lambda: worker_after(20, told=False), "no set-point was measured yet"),
-        (lambda: worker_after(20), "no law of the thermostat is known"),
-    ],
-)
-def test_a_plan_of_set_points_that_nobody_can_answer_is_refused_with_the_remedy(zone, sentence):
-    with pytest.raises(NoLaw, match=sentence) as refused:
-        mean(zone(), {SET_POINTS: 21.0})
-    assert "plan the heating in W" in str(refused.value)
-
-
 class View:
     """A zone as far as a request reads it."""
 
@@ -136,13 +123,10 @@ def found(view, **planned):
     return [(one.channel, one.sentence) for one in mistakes(request)]
 
 
-def test_only_a_zone_with_a_set_point_can_be_planned_in_set_points():
+def test_only_a_zone_with_a_set_point_can_be_planned_in_set_points_and_within_its_range():
     assert found(View(T_set=(5.0, 30.0)), T_set=21.0) == []
     ((channel, sentence),) = found(View(), T_set=21.0)
     assert channel == "T_set"
     assert "is not an input of this zone; its inputs are T_out, u_heat" in sentence
-
-
-def test_a_set_point_out_of_range_is_refused_in_one_sentence():
     ((channel, sentence),) = found(View(T_set=(5.0, 30.0)), T_set=210.0)
     assert (channel, sentence.split(";")[0]) == ("T_set", "plans 210 degC")
