@@ -90,10 +90,8 @@ async def exchange(datagrams: list[bytes]) -> None:
     else:
         asking.cancel()
     await asyncio.gather(asking, return_exceptions=True)
-    for tr in list(link._application.asap.clientTransactions):
-        tr.stop_timer()
-    for tr in list(link._application.asap.serverTransactions):
-        tr.stop_timer()
+    for transaction in (*link._application.asap.clientTransactions, *link._application.asap.serverTransactions):
+        transaction.stop_timer()
     await link.close()
     for one in seen:
         sound(one)

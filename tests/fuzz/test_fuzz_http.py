@@ -68,11 +68,8 @@ class Transport(asyncio.Transport):
 @cache
 def served() -> tuple[FastAPI, LimitsConfig, asyncio.AbstractEventLoop]:
     zones = {"living": running("living")}
-    return create_app("htwg", zones, Metrics(zones).registry), LimitsConfig(body=4096, headers=2048), _loop()
-
-
-def _loop() -> asyncio.AbstractEventLoop:
-    return asyncio.new_event_loop()
+    app = create_app("htwg", zones, Metrics(zones).registry)
+    return app, LimitsConfig(body=4096, headers=2048), asyncio.new_event_loop()
 
 
 def answered(pieces: list[bytes]) -> bytes:
