@@ -202,16 +202,30 @@ class Astray(NamedTuple):
     """(K, h): by which they are multiplied, less 1."""
 
 
-def astray(network: Network, sds: Array, period: float, steps: int, time: int, chosen: Indices) -> Astray:
-    """The futures `chosen` (K,), numbers of any size, of what strays by `sds` (n_u,) over `steps` of `period` s from
-    `time` [UTC s] on. Rooms that are asked at one time share them, for they have the same weather."""
+class Weather(NamedTuple):
+    """FUTURES futures of h steps, in which what is foreseen strays. Rooms that are asked at one time share them."""
+
+    shifts: tuple[tuple[int, Array], ...]
+    """Columns of a drive row, and what is added to each (h, FUTURES) [K]."""
+    sun: Array
+    """(h, FUTURES): by which the sun is multiplied, less 1."""
+
+    def chosen(self, network: Network, numbers: Indices) -> Astray:
+        """The futures with these `numbers` (K,), of any size, for models of `network`."""
+        own = numbers % FUTURES
+        shifts = tuple((column, shift[:, own].T) for column, shift in self.shifts)
+        return Astray(own, shifts, _sunny(network), self.sun[:, own].T)
+
+
+def weather(network: Network, sds: Array, period: float, steps: int, time: int) -> Weather:
+    """The futures of the inputs of `network` that stray by `sds` (n_u,) over `steps` of `period` s from `time` [UTC s]
+    on."""
     hours, daily = -(-round(steps * period) // round(_HOUR)), _daily(network)
     draws = Draws(0, int(time // _HOUR), forecast=True)
     normals = draws.normals(Purpose.FORESEEN, (len(daily) * hours, FUTURES)).reshape(len(daily), hours, FUTURES)
-    weather = chosen % FUTURES
     normals = normals - normals.mean(axis=2, keepdims=True)
     hour = (np.arange(steps) * period // _HOUR).astype(np.int64)
-    shifts, sun = [], np.zeros((len(chosen), steps))
+    shifts, sun = [], np.zeros((steps, FUTURES))
     for (column, fades, is_sun), own in zip(daily, normals, strict=True):
         if sds[column] <= 0.0:
             continue
@@ -222,10 +236,10 @@ def astray(network: Network, sds: Array, period: float, steps: int, time: int, c
         if is_sun:
             share = np.maximum(1.0 + sds[column] * paths, 0.0)
             # What is cut off below nought must not make it brighter on the whole.
-            sun = (share / share.mean(axis=1, keepdims=True) - 1.0)[hour][:, weather].T
+            sun = (share / share.mean(axis=1, keepdims=True) - 1.0)[hour]
         else:
-            shifts.append((column, sds[column] * paths[hour][:, weather].T))
-    return Astray(weather, tuple(shifts), _sunny(network), sun)
+            shifts.append((column, sds[column] * paths[hour]))
+    return Weather(tuple(shifts), sun)
 
 
 def _daily(network: Network) -> list[tuple[int, float, bool]]:

@@ -244,19 +244,25 @@ class Loop:
             return after if given_up is None else self._gone_back(after, given_up, outputs, drive)
         if not looked or suspicions or carried.standing is None:
             return after
-        live = self.live.restarted(carried.live)
-        return after._replace(earlier=kept(carried.earlier, time, carried.standing.state, live))
+        # Its temperatures and what waits for its time would be given up anyway, and are most of a state.
+        state = self.estimator.restart(carried.standing.state, self._believable(after, outputs), drive)
+        return after._replace(earlier=kept(carried.earlier, time, state, self.live.restarted(carried.live)))
 
     def _gone_back(self, carried: Carried, earlier: Earlier, outputs: Array, drive: Array) -> Carried:
         """`carried` with what had been learned `earlier`. The thermal states begin anew at `outputs` (n_y,), or at what
         was forecast of a missing one; no forecast that waits for its time teaches anything."""
         estimator, standing = self.estimator, carried.standing
         assert standing is not None
-        begin = np.where(np.isnan(outputs), standing.forecast.mean, outputs)
+        begin = self._believable(carried, outputs)
         posterior, verified, issued = self._restarted(standing._replace(state=earlier.state), begin, drive)
         state = estimator.predict(posterior.state, drive)
         standing = Standing(state, one_step(estimator, estimator.predictive(state), self._levels), verified, issued)
         return carried._replace(standing=standing, vanished=0, live=earlier.live)
+
+    def _believable(self, carried: Carried, outputs: Array) -> Array:
+        """`outputs` (n_y,), with what was forecast of a missing one."""
+        assert carried.standing is not None
+        return np.where(np.isnan(outputs), carried.standing.forecast.mean, outputs)
 
     def diagnose(self, carried: Carried) -> Diagnosis:
         """What is not known now; empty before the first sample."""

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from estimator.arrays import Array
+from estimator.arrays import Array, Indices
 from estimator.network.network import Network
 
 ALPHA_LEVELS = (0.025, 0.5, 0.975)
@@ -70,7 +70,7 @@ class Mixtures(NamedTuple):
         means = (shares * self.means).sum(axis=2)
         return means, np.sqrt((shares * (self.sds**2 + (self.means - means[..., None]) ** 2)).sum(axis=2))
 
-    def during(self, times: slice) -> Mixtures:
+    def during(self, times: slice | Indices) -> Mixtures:
         """Those of some of the times."""
         return Mixtures(*(rows[times] for rows in self))
 

@@ -7,6 +7,7 @@ is the textbook construction of C, G_int and B_u from them.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -30,8 +31,9 @@ class Topology(NamedTuple):
     """(n_y,): measured state nodes; the rows of H."""
 
 
+@lru_cache(maxsize=1024)
 def topology(network: Network) -> Topology:
-    """Index arrays of a validated network."""
+    """Index arrays of a validated network, which are not to be changed."""
     theta = {parameter.name: index for index, parameter in enumerate(network.parameters)}
     node = {name: index for index, name in enumerate((*network.nodes, *network.boundaries))}
     column = {name: index for index, name in enumerate(network.inputs)}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -100,22 +101,25 @@ class Network:
     terms: tuple[HeatTerm, ...] = ()
     """Heat that is known up to coefficients."""
 
-    @property
+    def __hash__(self) -> int:
+        return hash(self.name)
+
+    @cached_property
     def nodes(self) -> tuple[str, ...]:
         """State nodes, in the order of x."""
         return tuple(self.capacitances)
 
-    @property
+    @cached_property
     def heat_channels(self) -> tuple[str, ...]:
         """Heat-input channels in first-use order; one channel may feed several nodes."""
         return tuple(dict.fromkeys(heat.channel for heat in self.heat_inputs))
 
-    @property
+    @cached_property
     def inputs(self) -> tuple[str, ...]:
         """Channels of the input vector u: boundary temperatures, then heat inputs."""
         return (*self.boundaries, *self.heat_channels)
 
-    @property
+    @cached_property
     def channels(self) -> tuple[str, ...]:
         """Every channel that a zone with this network needs: outputs, then inputs."""
         return (*self.measured, *self.inputs)
@@ -125,7 +129,7 @@ class Network:
         """The parameters that are learned, in the order of theta."""
         return tuple(parameter for parameter in self.parameters if parameter.free)
 
-    @property
+    @cached_property
     def drive(self) -> tuple[str, ...]:
         """What drives the network over a step: the input vector u, then the known f of every term."""
         return (*self.inputs, *(term.name for term in self.terms))

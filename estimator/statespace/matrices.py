@@ -14,6 +14,7 @@ that a simulation passes through the same values.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -102,11 +103,15 @@ def of_point(draws: ModelDraws, period: float, periods: int) -> StateSpace:
 
 def _one_period(draws: ModelDraws, period: float) -> tuple[Array, Array, Array]:
     """A_d (K, n_x, n_x), B_d (K, n_x, n_u + m), and the response (K, n_x) [K/W] to heat into the first output."""
-    network = draws.network
-    terms = tuple(HeatInput(term.name, term.node) for term in network.terms)
-    heated = (*network.heat_inputs, *terms, HeatInput(_GAIN, network.measured[0]))
-    exact = discretise(assemble(replace(network, heat_inputs=heated), draws.theta), period)
+    exact = discretise(assemble(_heated(draws.network), draws.theta), period)
     response = exact.input[:, :, :-1]
     if len(draws.coefficients):
-        response[:, :, -len(terms) :] *= draws.coefficients.T[:, None, :]
+        response[:, :, -len(draws.network.terms) :] *= draws.coefficients.T[:, None, :]
     return exact.transition, response, exact.input[:, :, -1]
+
+
+@lru_cache(maxsize=1024)
+def _heated(network: Network) -> Network:
+    """`network` with the heat of every term, and then the unmeasured gain, as inputs."""
+    terms = tuple(HeatInput(term.name, term.node) for term in network.terms)
+    return replace(network, heat_inputs=(*network.heat_inputs, *terms, HeatInput(_GAIN, network.measured[0])))

@@ -50,9 +50,9 @@ class Paths(NamedTuple):
     weather: Indices
     """(K,): as `estimator.foresight.Astray` has it; -1 where it is what is foreseen."""
 
-    def mixtures(self) -> Mixtures:
-        """The measured outputs now and after each step: h + 1 mixtures."""
-        means = self.temperatures.transpose(1, 2, 0)
+    def mixtures(self, after: Indices) -> Mixtures:
+        """The measured outputs `after` (L,) steps."""
+        means = self.temperatures[:, after].transpose(1, 2, 0)
         sds = np.broadcast_to(np.sqrt(self.variance.T), means.shape)
         return Mixtures(np.tile(self.weights, (len(means), 1)), means, sds.copy())
 
@@ -63,66 +63,94 @@ def no_noise(models: StateSpace, steps: int) -> Noise:
     return Noise(np.zeros((steps, size, count)), np.ones((steps, size - len(models.network.nodes), count)))
 
 
-def closed_loop(
+class Course(NamedTuple):
+    """K models on their way over h steps, all but ready to run: what differs between two futures is what was asked."""
+
+    models: StateSpace
+    laws: Laws
+    response: Array
+    """(K, n_x, L): to what each law calls for, per unit."""
+    idle: Array
+    """(K, h, n_x): what every other input brings over a step."""
+    planned: Array
+    """(h, L): what each law's input is where there is no set-point."""
+    first: Array
+    """(L,): what each law's input was over the step before."""
+    noise: Noise
+    numbers: Array
+    """(L, 3, K): the laws' in each draw."""
+    weather: Indices
+    """(K,): as `Paths` has it."""
+
+    def under(self, setpoints: Array) -> Paths:
+        """The futures in which the laws keep the `setpoints` (h,) [degC], NaN where nobody sets one."""
+        models, count, steps = self.models, len(self.models.state), len(setpoints)
+        temperatures = np.empty((count, steps + 1, len(models.c)))
+        heat = np.empty((count, steps, len(self.first)))
+        _run(
+            models.a,
+            self.response,
+            self.idle,
+            models.state.copy(),
+            len(models.network.nodes),
+            np.argmax(models.c, axis=1),
+            setpoints,
+            self.planned,
+            self.first,
+            self.laws.side,
+            self.laws.switching,
+            self.numbers,
+            self.noise.process,
+            self.noise.alive,
+            temperatures,
+            heat,
+        )
+        variance = np.diagonal(models.r, axis1=1, axis2=2).copy()
+        return Paths(models.weights, temperatures, heat * self.laws.sign, variance, self.weather)
+
+
+def course(
     models: StateSpace,
     laws: Laws,
-    setpoints: Array,
     rows: Array,
     before: Array,
     *,
     noise: Noise | None = None,
     numbers: Array | None = None,
     astray: Astray | None = None,
-) -> Paths:
-    """The futures of `models` in which `laws` keep the `setpoints` (h,) [degC], NaN where nobody sets one.
+) -> Course:
+    """The futures of `models` over `rows` (h, n_u), the inputs of every step; those that obey a law hold what is
+    planned where there is no set-point.
 
     Args:
-        rows: (h, n_u): the inputs of every step; those that obey a law hold what is planned where there is no
-            set-point.
         before: (n_u,): inputs of the step before, from which on-off laws know whether they are on.
         noise: by default none.
         numbers: (L, 3, K): the laws' numbers in each draw; by default those of `laws` in all.
         astray: by how much the inputs of each draw differ from `rows`; by default they do not.
     """
-    count, places = len(models.state), laws.column.astype(np.int64)
-    noise = noise or no_noise(models, len(rows))
+    count, steps, places = len(models.state), len(rows), laws.column.astype(np.int64)
+    noise = noise or no_noise(models, steps)
     if numbers is None:
         numbers = np.repeat(laws.numbers[:, :, None], count, axis=2)
-    temperatures = np.empty((count, len(rows) + 1, len(models.c)))
-    heat = np.empty((count, len(rows), len(places)))
-    measured = np.argmax(models.c, axis=1)
-    first = np.maximum(laws.sign * before[places], 0.0)
-    driven = np.zeros(rows.shape[1])
-    driven[places] = 1.0
-    # Without the inputs that obey, whose share each draw adds for itself; with them where nobody sets a set-point.
-    idle = _driven(models.b, rows * np.where(np.isnan(setpoints)[:, None], 1.0, 1.0 - driven))
+    others = rows.copy()
+    others[:, places] = 0.0
+    idle = _driven(models.b, others)
     if astray is not None:
         for column, shift in astray.shifts:
-            idle += shift[:, : len(rows), None] * models.b[:, None, :, column]
+            idle += shift[:, :steps, None] * models.b[:, None, :, column]
         if len(astray.sunny):
-            sunny = _driven(models.b[:, :, astray.sunny], rows[:, astray.sunny])
-            idle += astray.sun[:, : len(rows), None] * sunny
-    _run(
-        np.ascontiguousarray(models.a),
+            idle += astray.sun[:, :steps, None] * _driven(models.b[:, :, astray.sunny], rows[:, astray.sunny])
+    return Course(
+        models._replace(a=np.ascontiguousarray(models.a)),
+        laws,
         np.ascontiguousarray(models.b[:, :, places]) * laws.sign,
         np.ascontiguousarray(idle),
-        models.state.copy(),
-        len(models.network.nodes),
-        measured,
-        setpoints,
-        np.ascontiguousarray(np.maximum(laws.sign * rows[:, places], 0.0)),
-        first,
-        laws.side,
-        laws.switching,
+        laws.sign * rows[:, places],
+        np.maximum(laws.sign * before[places], 0.0),
+        Noise(noise.process[:steps], noise.alive[:steps]),
         np.ascontiguousarray(numbers),
-        noise.process,
-        noise.alive,
-        temperatures,
-        heat,
+        np.full(count, -1) if astray is None else astray.weather,
     )
-    weather = np.full(count, -1) if astray is None else astray.weather
-    noise_variance = np.diagonal(models.r, axis1=1, axis2=2).copy()
-    return Paths(models.weights, temperatures, heat * laws.sign, noise_variance, weather)
 
 
 def _driven(response: Array, rows: Array) -> Array:
@@ -141,12 +169,9 @@ class Start(NamedTuple):
     """(L, 3, K)."""
     astray: Astray | None
 
-    def run(self, laws: Laws, setpoints: Array, rows: Array, before: Array) -> Paths:
-        """`closed_loop` from here, over at most as many steps as there is noise."""
-        noise = Noise(*(each[: len(rows)] for each in self.noise))
-        return closed_loop(
-            self.models, laws, setpoints, rows, before, noise=noise, numbers=self.numbers, astray=self.astray
-        )
+    def along(self, laws: Laws, rows: Array, before: Array) -> Course:
+        """`course` from here, over at most as many steps as there is noise."""
+        return course(self.models, laws, rows, before, noise=self.noise, numbers=self.numbers, astray=self.astray)
 
 
 def started(
@@ -250,9 +275,10 @@ def _run(  # type: ignore[no-untyped-def]
             for i in range(laws):
                 power, offset, band = numbers[i, 0, k], numbers[i, 1, k], numbers[i, 2, k]
                 if setpoints[h] != setpoints[h]:
-                    # Nobody sets a set-point: what is planned is in `idle`.
-                    last[i] = planned[h, i]
+                    last[i] = max(planned[h, i], 0.0)
                     heat[k, h, i] = last[i]
+                    for j in range(size):
+                        later[j] += response[k, j, i] * planned[h, i]
                     continue
                 if switching[i] > 0.5:
                     deviation = side[i] * (setpoints[h] - x[measured[0]])

@@ -15,7 +15,6 @@ from scipy.special import ndtri
 
 from estimator.arrays import Array, Indices
 from estimator.bank.weights import between
-from estimator.thermostat.closed_loop import Paths
 from estimator.thermostat.law import Laws, clear
 from estimator.types import Mixture, Mixtures
 
@@ -46,12 +45,12 @@ def with_error(errors: Array, lead: int, error: float) -> Array:
     return after
 
 
-def states(paths: Paths, laws: Laws, setpoints: Array) -> Indices:
-    """(h, K): HELD, IDLE or FORCED after each of h steps in each of K futures under `setpoints` (h,) [degC]; IDLE where
-    nobody sets one."""
-    found = np.full((len(setpoints), len(paths.weights)), IDLE, dtype=np.int64)
+def states(temperatures: Array, laws: Laws, setpoints: Array) -> Indices:
+    """(L, K): HELD, IDLE or FORCED at each of L times in each of K futures of the room's `temperatures` (L, K), under
+    `setpoints` (L,) [degC]; IDLE where nobody sets one."""
+    found = np.full(temperatures.shape, IDLE, dtype=np.int64)
     for numbers, side, switching in zip(laws.numbers, laws.side, laws.switching.astype(int).tolist(), strict=True):
-        x = side * (setpoints[:, None] - paths.temperatures[:, 1:, 0].T)
+        x = side * (setpoints[:, None] - temperatures)
         called, idle = clear(numbers, x, _MARGINS[switching])
         found[called] = FORCED
         found[~called & ~idle & ~np.isnan(x)] = HELD

@@ -21,6 +21,7 @@ widths for the other times: with all heat on, and with none.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,9 +31,9 @@ from estimator.bank.bank import Bank
 from estimator.bank.coverage import Widths, no_widths, with_place
 from estimator.bank.mixing import mixed, mixed_futures, stretched
 from estimator.bank.weights import COMPONENTS, Costs, between, costs_of, no_costs, weights, with_cost
-from estimator.foresight import astray
+from estimator.foresight import Weather, weather
 from estimator.thermostat import held
-from estimator.thermostat.closed_loop import Paths, Start, started
+from estimator.thermostat.closed_loop import Course, Paths, Start, started
 from estimator.thermostat.futures import GUESSES, NOTHING_KNOWN, ToCome, guesses
 from estimator.thermostat.law import Laws
 from estimator.thermostat.memory import Memory, reaches_back
@@ -263,10 +264,10 @@ class LiveForecasts:
             return None
         leads = np.arange(2, len(rows) + 2, dtype=np.float64)
         shares = self._shares(live, state)
-        starts = self._started(state, laws, shares, ahead, _DRAWS, time // round(self._estimator.period))
-        outputs, paths, own = self._under(live, starts, shares, thermostat, setpoints, rows, before, leads)
+        courses = self._courses(state, laws, shares, ahead, before, _DRAWS, time)
+        outputs, heat = self._under(live, courses, shares, thermostat, setpoints, leads)
         everyone = outputs.weights.shape[1]
-        return Fan(outputs.after(self._now(state)), _heat(paths, own), np.empty((len(rows), 0)), everyone)
+        return Fan(outputs.after(self._now(state)), heat(), np.empty((len(rows), 0)), everyone)
 
     def unplanned(
         self,
@@ -281,7 +282,7 @@ class LiveForecasts:
         leads = np.arange(2, len(ahead.rows) + 2, dtype=np.float64)
         chances = between(self._chances(live, thermostat).T, self.leads, leads)
         chosen = chances.max(axis=1) >= _NEGLIGIBLE
-        futures = self._futures(live, state, thermostat, ahead, before, time, chosen, _DRAWS)
+        futures = self._futures(live, state, thermostat, ahead, before, time, chosen, _DRAWS, leads)
         chances = np.where(chosen[:, None], chances, 0.0)
         chances /= chances.sum(axis=0)
         scales = self._scales(live, UNPLANNED, leads)
@@ -292,7 +293,7 @@ class LiveForecasts:
         of_heat = chances[heated] / np.maximum(chances[heated].sum(axis=0), 1e-12)
         return Fan(
             outputs=outputs.after(self._now(state)),
-            heat=_joined([futures[place][1] for place in heated], of_heat),
+            heat=_joined([futures[place][1]() for place in heated], of_heat),
             chances=chances.T,
             simulated=sum(futures[place][0].weights.shape[1] for place in heated),
         )
@@ -331,17 +332,18 @@ class LiveForecasts:
         if not len(laws.column) or not self._members or np.isnan(setpoints).any() or len(setpoints) < steps:
             return live, None
         rows = np.repeat(issue.foreseen, max(1, hourly), axis=0)[:steps]
+        network, period, origin = self._estimator.network, self._estimator.period, int(issue.step)
+        to_come = weather(network, issue.strays, period, steps, round(origin * period))
         # Who does not count yet is judged as well: otherwise it could never prove anything.
-        parts, own, of = [], [], []
+        parts, own, of, last = [], [], [], np.array([steps])
         for place, member in enumerate(self._members):
             draws = _draws(member.network, issue.drawn[place])
-            own_rows = rows[:, self._columns[place]]
-            start = self._start(draws, place, laws, steps, issue.strays, int(issue.step))
-            paths = start.run(laws, setpoints, own_rows, issue.before)
-            end, believed = paths.mixtures().at(-1), _believed(paths, setpoints, memory)[-1]
+            start = self._start(draws, place, laws, steps, to_come, origin)
+            paths = start.along(laws, rows[:, self._columns[place]], issue.before).under(setpoints)
+            end, believed = paths.mixtures(last).at(0), _believed(paths, setpoints, memory)[-1]
             parts.append(Mixture(believed / believed.sum(), end.means[:1], end.sds[:1]))
             own.append(shares[place] * believed.sum())
-            of.append(held.states(paths, laws, setpoints)[-1])
+            of.append(held.states(paths.temperatures[:, -1:, 0].T, laws, setpoints[-1:])[0])
         now = self._weights(live.members, issue.trusted.T)[:, horizon]
         everyone = range(len(parts))
         live = live._replace(members=_judged(live.members, horizon, parts, now, value, self._hours, everyone))
@@ -472,12 +474,12 @@ class LiveForecasts:
         time: int,
     ) -> Issue:
         chances = self._chances(live, thermostat)
-        everything = self._futures(live, state, thermostat, ahead, before, time, chances[0] > 0.0, _TRIED)
+        leads = np.array(self.leads, dtype=np.float64)
+        everything = self._futures(live, state, thermostat, ahead, before, time, chances[0] > 0.0, _TRIED, leads)
         futures = np.full((len(self.leads), len(FUTURES), 3, COMPONENTS), np.nan)
         for place, (mixtures, _) in everything.items():
-            for horizon, lead in enumerate(self.leads):
-                # The mixtures begin one step after the state's time, which is one step ahead.
-                one = mixtures.at(lead - 2)
+            for horizon in range(len(self.leads)):
+                one = mixtures.at(horizon)
                 small = reduced(Mixture(one.weights, one.means[:1], one.sds[:1]), COMPONENTS)
                 size = len(small.weights)
                 futures[horizon, place] = np.array([0.0, 20.0, 1.0])[:, None]
@@ -507,74 +509,74 @@ class LiveForecasts:
         time: int,
         chosen: Array,
         count: int,
-    ) -> dict[int, tuple[Mixtures, Heat]]:
-        """Of the futures that are `chosen` (F,), by their place: the outputs after each row, and the heat."""
+        leads: Array,
+    ) -> dict[int, tuple[Mixtures, Callable[[], Heat]]]:
+        """Of the futures that are `chosen` (F,), by their place: the outputs at the `leads` (L,), and the heat over the
+        steps that lead there."""
         rows = ahead.rows
-        period, steps, laws, memory = self._estimator.period, len(rows), thermostat.laws, thermostat.memory
-        times = time + period * np.arange(steps, dtype=np.float64)
-        leads = np.arange(2, steps + 2, dtype=np.float64)
-        found: dict[int, tuple[Mixtures, Heat]] = {}
+        laws, memory = thermostat.laws, thermostat.memory
+        times = time + self._estimator.period * np.arange(len(rows), dtype=np.float64)
+        found: dict[int, tuple[Mixtures, Callable[[], Heat]]] = {}
         if chosen[: len(GUESSES)].any():
             shares = self._shares(live, state)
-            starts = self._started(state, laws, shares, ahead, count, time // round(period))
+            courses = self._courses(state, laws, shares, ahead, before, count, time)
             told = guesses(memory, thermostat.setpoint, times, self._to_come)
             for place in np.flatnonzero(chosen[: len(GUESSES)]).tolist():
-                outputs, paths, own = self._under(live, starts, shares, thermostat, told[place], rows, before, leads)
-                found[place] = outputs, _heat(paths, own)
+                found[place] = self._under(live, courses, shares, thermostat, told[place], leads)
         for place in (np.flatnonzero(chosen[len(GUESSES) :]) + len(GUESSES)).tolist():
             planned = ahead.yesterday if FUTURES[place] == "heat-of-yesterday" else rows
             asked = state if self._bank is None or place != _BY_REGRESSION else self._bank.by_regression(state)
             issue = self._estimator.issue(asked, count if count == _TRIED else self._estimator.forecast_draws)
-            outputs = self._estimator.unfold(issue, planned).during(slice(1, None))
-            heat = planned[None, :, laws.column.astype(np.int64)]
-            found[place] = outputs, Heat(heat, np.ones((steps, 1)), np.array([-1]))
+            after = _steps(leads)
+            outputs = self._estimator.unfold(issue, planned).during(after)
+            found[place] = outputs, partial(_planned_heat, planned[after - 1], laws)
         return found
 
     def _under(
         self,
         live: Live,
-        starts: Sequence[tuple[int, Start]],
+        courses: Mapping[int, Course],
         shares: Array,
         thermostat: Thermostat,
         setpoints: Array,
-        rows: Array,
-        before: Array,
         leads: Array,
-    ) -> tuple[Mixtures, list[Paths], Array]:
-        """The members' futures under `setpoints` (h,), mixed, as wide as they proved to be; their paths, and weights
-        (E', h)."""
-        laws = thermostat.laws
-        paths = [start.run(laws, setpoints, rows[:, self._columns[place]], before) for place, start in starts]
-        own = between(shares[[place for place, _ in starts]], self.leads, leads)
-        believed = [_believed(each, setpoints, thermostat.memory) for each in paths]
+    ) -> tuple[Mixtures, Callable[[], Heat]]:
+        """The members' futures under `setpoints` (h,), mixed, as wide as they proved to be at the `leads` (L,), and the
+        heat over the steps that lead there."""
+        laws, after = thermostat.laws, _steps(leads)
+        own = between(shares, self.leads, leads)
+        counted = [place for place in courses if own[place].any()]
+        paths, own = [courses[place].under(setpoints) for place in counted], own[counted]
+        believed = [_believed(each, setpoints, thermostat.memory)[after - 1] for each in paths]
         own = own * np.array([each.sum(axis=1) for each in believed])
         own = own / own.sum(axis=0)
-        mixtures = [
-            each.mixtures().during(slice(1, None))._replace(weights=some)
-            for each, some in zip(paths, believed, strict=True)
-        ]
+        mixtures = [each.mixtures(after)._replace(weights=some) for each, some in zip(paths, believed, strict=True)]
         outputs = mixed_futures(mixtures, own, np.ones(len(leads)))
-        states = np.concatenate([held.states(each, laws, setpoints) for each in paths], axis=1)
+        states = held.states(outputs.means[:, 0], laws, setpoints[after - 1])
         scales = np.stack([self._scales(live, width, leads) for width in (PLANNED, _FORCED)])
         errors = held.spread_out(live.errors, self.leads, leads, [len(each.weights) for each in paths])
-        return held.strayed(outputs, states, scales, errors), paths, own
+        return held.strayed(outputs, states, scales, errors), partial(_heat, paths, own, after)
 
-    def _started(
-        self, state: Any, laws: Laws, shares: Array, ahead: Ahead, count: int, origin: int
-    ) -> list[tuple[int, Start]]:
-        """The members that count, by their place, made ready for futures of what is foreseen `ahead`."""
+    def _courses(
+        self, state: Any, laws: Laws, shares: Array, ahead: Ahead, before: Array, count: int, time: int
+    ) -> dict[int, Course]:
+        """The members that count, by their place, on their way over what is foreseen `ahead` from `time` [UTC s] on."""
+        period, steps = self._estimator.period, len(ahead.rows)
+        origin = time // round(period)
+        to_come = weather(self._estimator.network, ahead.strays, period, steps, round(origin * period))
         states, most = self._states(state), shares.max(axis=1)
-        found = []
+        found = {}
         for place in np.flatnonzero(most > 0.0).tolist():
             drawn = self._members[place].draws(states[place], max(_FEWEST, round(count * most[place] / most.sum())))
             assert drawn is not None
-            found.append((place, self._start(drawn, place, laws, len(ahead.rows), ahead.strays, origin)))
+            start = self._start(drawn, place, laws, steps, to_come, origin)
+            found[place] = start.along(laws, ahead.rows[:, self._columns[place]], before)
         return found
 
-    def _start(self, draws: ModelDraws, place: int, laws: Laws, steps: int, strays: Array, origin: int) -> Start:
-        period, chosen = self._estimator.period, np.arange(len(draws.weights)) + _APART * place
-        futures = astray(draws.network, strays, period, steps, round(origin * period), chosen)
-        return started(draws, period, laws, steps, seed=self._seed + place, origin=origin, astray=futures)
+    def _start(self, draws: ModelDraws, place: int, laws: Laws, steps: int, to_come: Weather, origin: int) -> Start:
+        astray = to_come.chosen(draws.network, np.arange(len(draws.weights)) + _APART * place)
+        seed = self._seed + place
+        return started(draws, self._estimator.period, laws, steps, seed=seed, origin=origin, astray=astray)
 
     def _due(self, live: Live) -> Iterator[tuple[int, Issue]]:
         for horizon, lead in enumerate(self.leads):
@@ -664,10 +666,20 @@ def _believed(paths: Paths, setpoints: Array, memory: Memory) -> Array:
     return np.asarray((paths.weights[:, None] * np.where(gone, _GONE, 1.0)).T, dtype=np.float64)
 
 
-def _heat(paths: Sequence[Paths], shares: Array) -> Heat:
-    """The heat of all paths, of members with `shares` (E, h)."""
-    each = [Heat(one.heat, np.tile(one.weights, (one.heat.shape[1], 1)), one.weather) for one in paths]
+def _steps(leads: Array) -> Indices:
+    """(L,): steps from the state's time to the `leads` (L,): it is one step ahead."""
+    return np.asarray(leads, dtype=np.int64) - 1
+
+
+def _heat(paths: Sequence[Paths], shares: Array, after: Indices) -> Heat:
+    """The heat of all paths over the steps that end `after` (L,) steps, of members with `shares` (E, L)."""
+    each = [Heat(one.heat[:, after - 1], np.tile(one.weights, (len(after), 1)), one.weather) for one in paths]
     return _joined(each, shares)
+
+
+def _planned_heat(rows: Array, laws: Laws) -> Heat:
+    """That of a future whose inputs are `rows` (L, n_d)."""
+    return Heat(rows[None, :, laws.column.astype(np.int64)], np.ones((len(rows), 1)), np.array([-1]))
 
 
 def _joined(each: Sequence[Heat], shares: Array) -> Heat:

@@ -7,7 +7,7 @@ from estimator.network.network import Conductance, Gain, HeatInput, Network, Par
 from estimator.network.presets import network
 from estimator.statespace.matrices import of_draws
 from estimator.statespace.simulate import sampled_paths
-from estimator.thermostat.closed_loop import LawRoom, closed_loop, started
+from estimator.thermostat.closed_loop import LawRoom, course, started
 from estimator.thermostat.law import Laws, called, identified, no_laws
 from estimator.thermostat.memory import in_order, no_memory, remembered
 from estimator.types import ModelDraws
@@ -42,7 +42,7 @@ def draws(count, theta=THETA, state=(20.0, 18.0), spread=0.0, noise=0.0, of=HOUS
 
 def sampled_loops(draws, period, laws, setpoints, rows, before, *, seed, origin):
     start = started(draws, period, laws, len(rows), seed=seed, origin=origin)
-    return start.run(laws, setpoints, rows, before)
+    return start.along(laws, rows, before).under(setpoints)
 
 
 def models_of(one):
@@ -178,7 +178,7 @@ def test_under_known_set_points_the_closed_loop_is_right_to_tenths_of_a_kelvin(t
     state = (last, last - 1.5)
     rows, wanted = weather(when), schedule(when)
     rows[:, 1] = memory.inputs[-1, 1]
-    came = closed_loop(models_of(draws(1, state=state)), exactly(truth), wanted, rows, rows[0])
+    came = course(models_of(draws(1, state=state)), exactly(truth), rows, rows[0]).under(wanted)
     # A model that is wrong by a fifth in two parameters, as after a fortnight.
     wrong = draws(64, THETA * [1.2, 1.0, 1.0, 0.8], state, spread=0.05, noise=0.02)
     fan = sampled_loops(wrong, PERIOD, found, wanted, rows, rows[0], seed=3, origin=7)
@@ -217,7 +217,7 @@ def test_a_relay_that_switches_within_an_interval_has_the_narrow_band_that_it_ke
 
 def test_a_narrow_band_does_not_overshoot_in_a_long_step():
     rows, wanted = weather(times(1.0)), np.full(144, 21.0)
-    found = closed_loop(models_of(draws(1)), law(9000.0, 0.0, 0.1), wanted, rows, rows[0]).temperatures[0, :, 0]
+    found = course(models_of(draws(1)), law(9000.0, 0.0, 0.1), rows, rows[0]).under(wanted).temperatures[0, :, 0]
     assert (np.diff(found[: int(np.argmax(found > 20.9))]) > 0.0).all()
     assert np.abs(found[72:] - 21.0).max() < 0.06
 
@@ -235,7 +235,7 @@ def test_an_on_off_law_keeps_its_state_inside_the_hysteresis():
     rows, wanted = weather(times(0.1))[:14], np.full(14, 20.0)
     off, on = rows[0].copy(), rows[0].copy()
     on[1] = 6000.0
-    first = [closed_loop(models_of(draws(1)), ON_OFF, wanted, rows, now).heat[0, 0, 0] for now in (off, on)]
+    first = [course(models_of(draws(1)), ON_OFF, rows, now).under(wanted).heat[0, 0, 0] for now in (off, on)]
     assert first == [0.0, 6000.0]
 
 
@@ -258,6 +258,6 @@ def test_a_room_simulated_step_by_step_is_the_closed_loop():
         for inputs in rows:
             path.append(room.outputs()[0])
             room.step(inputs)
-        whole = closed_loop(models, laws, wanted, rows, rows[0]).temperatures[0, :-1, 0]
+        whole = course(models, laws, rows, rows[0]).under(wanted).temperatures[0, :-1, 0]
         assert np.array(path) == pytest.approx(whole, abs=1e-9)
         assert room.anew().outputs()[0] == path[0]
