@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
 FUZZ_TIMES ?= 100
 
-.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet home-assistant addon image image-test arm64 soak audit fuzz attack screenshots golden lock release clean help
+.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet demo-state home-assistant addon image image-test arm64 soak audit fuzz attack screenshots golden lock release clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -56,6 +56,9 @@ experiments: $(VENV)/.ready  ## the paper's experiments in full, with the built-
 
 golden: $(VENV)/.ready  ## tests/golden written anew: every payload and file as it now is; look at the difference before you commit it
 	THERMOGATE_GOLDEN=write $(BIN)/python -m pytest --quiet tests/test_golden.py tests/test_reference.py tests/adapters/test_kinds.py tests/service/config/test_mistakes.py tests/service/cli/test_commands.py
+
+demo-state: $(VENV)/.ready  ## what the demo's daemon knows at its start, learned anew; minutes
+	$(BIN)/python -m replay.lab.lived
 
 home-assistant: $(VENV)/home-assistant/installed  ## Home Assistant in an environment of its own, for the tests against it
 

@@ -1,12 +1,15 @@
 """The living building as a logger writes it down, in its own time: the plant of the demo.
 
-It has lived for a fortnight when the daemon comes, and goes on at its pace. The daemon follows the file that the logger
-writes; on a slow machine both are slower, and no number is another.
+It has lived for a fortnight when the daemon comes, which has learned what came of it and is there at once; then it goes
+on at its pace. The daemon follows the file that the logger writes; on a slow machine both are slower, and no number is
+another.
 """
 
 from __future__ import annotations
 
 import asyncio
+import json
+import tarfile
 from collections.abc import Callable
 from functools import partial
 from math import isfinite
@@ -25,12 +28,17 @@ from service.config.overrides import apply_overrides
 from service.config.site import HttpConfig
 from service.web.server.server import HttpServer
 
+ROOMS, SEED = 4, 1
 LIVED_DAYS = 14
+LEARNED = Path(__file__).with_name("learned.tar.xz")
+"""The building and the state of a daemon after these days; `make demo-state` writes it anew."""
 _ROW = 60.0
 """Simulated seconds between two rows."""
+LIVED_ROWS = round(LIVED_DAYS * DAY / _ROW)
 _FLOOR_AREA = 40.0
 """m2 of a room; the building's parameters are those of such rooms."""
-_FILE, _CONFIGURATION = "building-SYNTHETIC.csv", "demo.toml"
+FILE, STATE, BUILDING, _CONFIGURATION = "building-SYNTHETIC.csv", "state", "building.json", "demo.toml"
+"""In the folder of a demo."""
 
 
 class Demo(NamedTuple):
@@ -55,17 +63,24 @@ async def live(demo: Demo, stop: asyncio.Event, ready: Callable[[tuple[Path, str
     """Live until `stop`; `ready` is called with the configuration and the URL of the control surface."""
     elapsed = 0.0
     # The simulation counts real seconds; here they pass as the rows do.
-    simulation = Simulation(zones=4, seed=1, pace=demo.pace, clock=lambda: elapsed / demo.pace)
+    simulation = Simulation(zones=ROOMS, seed=SEED, pace=demo.pace, clock=lambda: elapsed / demo.pace)
     rooms, weather = columns(simulation)
     demo.directory.mkdir(parents=True, exist_ok=True)
+    if not (state := demo.directory / STATE).exists():
+        state.mkdir(0o700)
+        with tarfile.open(LEARNED) as archive:
+            archive.extractall(demo.directory, filter="data")
+    if (building := demo.directory / BUILDING).exists():
+        simulation.world.go_on(json.loads(building.read_text(encoding="utf-8")))
+        elapsed = simulation.world.elapsed
     configuration = demo.directory / _CONFIGURATION
     raw = apply_overrides(_configuration(rooms, weather, simulation), demo.overrides)
     configuration.write_text(_HEAD + tomli_w.dumps(raw), encoding="utf-8")
     http = HttpServer(create_control(simulation), HttpConfig(port=0), "the control surface")
     loop, every = asyncio.get_running_loop(), [column for group in (weather, *rooms) for column in group.values()]
     # A folder that is kept goes on where it was: the same seed lives the same days again, at once.
-    lived = max(LIVED_DAYS * DAY, _rows(demo.directory / _FILE) * _ROW)
-    with (demo.directory / _FILE).open("w", encoding="utf-8") as log:
+    lived = max(LIVED_DAYS * DAY, elapsed + _rows(demo.directory / FILE) * _ROW)
+    with (demo.directory / FILE).open("w", encoding="utf-8") as log:
         log.write(",".join(["time", *(column.name for column in every)]) + "\n")
         # The configuration is checked against it as soon as it is `ready`.
         log.flush()
@@ -120,14 +135,14 @@ def _configuration(
     return {
         "site": {
             "id": "demo",
-            "state_dir": "state",
+            "state_dir": STATE,
             "time_zone": ZONE,
             "latitude": KONSTANZ.latitude,
             "longitude": KONSTANZ.longitude,
         },
         "http": {"host": "127.0.0.1", "port": 8080},
         "zenoh": {"listen": ["tcp/127.0.0.1:7447"]},
-        "sources": {"logger": {"kind": "csv", "files": [_FILE], "timestamp": {"column": "time"}, "follow": True}},
+        "sources": {"logger": {"kind": "csv", "files": [FILE], "timestamp": {"column": "time"}, "follow": True}},
         "zones": [_zone(simulation, index, rooms, weather) for index in range(len(rooms))],
     }
 

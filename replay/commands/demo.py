@@ -55,7 +55,7 @@ def _live(directory: Path, arguments: argparse.Namespace) -> int:
         room = config.zones[0].id
         said = [
             f"A SYNTHETIC building lives {pace:g} s in each second: a day takes {86_400 / pace / 60:.2g} min. "
-            f"The daemon first learns the {LIVED_DAYS} days that it has lived.",
+            f"The daemon knows the {LIVED_DAYS} days that it has lived, and goes on from there.",
             *said,
             "",
             *demo_requests(config),

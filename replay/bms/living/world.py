@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -77,6 +78,27 @@ class World:
     def elapsed(self) -> float:
         """Simulated seconds lived so far."""
         return self._steps * STEP
+
+    def written(self) -> dict[str, Any]:
+        """Where it stands, as JSON can hold it."""
+        return {
+            "steps": self._steps,
+            "state": self._state.tolist(),
+            "memory": self._memory,
+            "energy": self._energy.tolist(),
+            "random": self._rng.bit_generator.state,
+            "now": {name: np.asarray(value).tolist() for name, value in self.now._asdict().items()},
+        }
+
+    def go_on(self, written: Mapping[str, Any]) -> None:
+        """Stand where another world of the same building and seed stood, and live on with the same numbers."""
+        self._steps, self._memory = written["steps"], list(written["memory"])
+        self._state, self._energy = np.array(written["state"]), np.array(written["energy"])
+        self._rng.bit_generator.state = written["random"]
+        now: dict[str, Any] = {
+            name: np.array(value) if isinstance(value, list) else value for name, value in written["now"].items()
+        }
+        self.now = Snapshot(**now)
 
     def step(self, windows: Array, orders: Orders | None = None) -> None:
         """Live one STEP; `windows` (N,) in W/K are openings to the outside beside those of the people."""
