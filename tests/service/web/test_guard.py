@@ -17,20 +17,17 @@ def app() -> FastAPI:
     return create_app("htwg", {}, Metrics({}).registry, http=http)
 
 
-@pytest.mark.parametrize(
-    "path", ["/", "/docs", "/openapi.json", "/zones", "/nowhere", "/static/main.js", "/static/plotly.min.js"]
-)
-def test_every_answer_is_hardened(app: FastAPI, path: str) -> None:
-    headers = get(app, path).headers
-    policy = headers["content-security-policy"]
-    assert "default-src 'self'" in policy
-    assert "frame-ancestors 'none'" in policy
-    assert "unsafe-eval" not in policy
-    assert "script-src" not in policy, "scripts come from here and nowhere else"
-    assert headers["x-content-type-options"] == "nosniff"
-    assert headers["referrer-policy"] == "no-referrer"
-    assert headers["cache-control"] == ("no-cache" if "plotly" in path else "no-store")
-    assert "server" not in headers
+def test_every_answer_is_hardened(app: FastAPI) -> None:
+    for path in ("/", "/docs", "/openapi.json", "/zones", "/nowhere", "/static/main.js", "/static/plotly.min.js"):
+        headers = get(app, path).headers
+        policy = headers["content-security-policy"]
+        assert policy.startswith("default-src 'self'; ")
+        assert "frame-ancestors 'none'" in policy
+        assert not [word for word in ("unsafe-eval", "script-src") if word in policy], "scripts come from here alone"
+        named = [headers[f"x-{name}-options"] for name in ("content-type", "frame")]
+        assert (*named, headers["referrer-policy"]) == ("nosniff", "DENY", "no-referrer")
+        assert headers["cache-control"] == ("no-cache" if "plotly" in path else "no-store")
+        assert "server" not in headers
 
 
 CROSS = {"Sec-Fetch-Site": "cross-site"}
@@ -62,16 +59,12 @@ def test_a_page_of_another_site_asks_nothing(app: FastAPI, headers: dict[str, st
 
 
 OURS = ("localhost", "LOCALHOST:8080", "localhost.", "127.0.0.1:8080", "[::1]:8080", "[::1]", "192.0.2.7", "10.9.8.7:1")
-NAMED = ("thermogate.example:443",)
 STRANGE = ("localhost:8080:1", "localhost:x", "[attacker]", ":8080", "attacker.example", "attacker.example:8080")
 ALIKE = ("localhost.attacker.example", "127.0.0.1.attacker.example", "thermogate.example.attacker")
 
 
-@pytest.mark.parametrize("host", [*OURS, *NAMED])
-def test_addresses_and_our_names_are_answered(app: FastAPI, host: str) -> None:
-    assert get(app, "/healthz", headers={"Host": host}).status_code == 200
-
-
-@pytest.mark.parametrize("host", [*STRANGE, *ALIKE])
-def test_names_that_are_not_ours_are_not_answered(app: FastAPI, host: str) -> None:
-    assert "http.allowed_hosts" in problem(get(app, "/healthz", headers={"Host": host}), 421)["detail"]
+def test_only_addresses_and_our_names_are_answered(app: FastAPI) -> None:
+    for host in (*OURS, "thermogate.example:443"):
+        assert get(app, "/healthz", headers={"Host": host}).status_code == 200, host
+    for host in (*STRANGE, *ALIKE):
+        assert "http.allowed_hosts" in problem(get(app, "/healthz", headers={"Host": host}), 421)["detail"], host

@@ -35,7 +35,7 @@ def app(zone: FakeZone) -> FastAPI:
     return create_app("htwg", {"living": zone}, CollectorRegistry())
 
 
-@pytest.mark.parametrize("limit", [1, PAGE, PAGE + 1, ROWS, 20_000])
+@pytest.mark.parametrize("limit", [1, PAGE, PAGE + 1, 20_000])
 @pytest.mark.parametrize("start", [None, START + 500 * PERIOD])
 def test_pages_make_the_answer_of_one_piece(app: FastAPI, zone: FakeZone, limit: int, start: int | None) -> None:
     zone.asked.clear()
@@ -45,11 +45,6 @@ def test_pages_make_the_answer_of_one_piece(app: FastAPI, zone: FakeZone, limit:
     rows = [row for row in map(HistoryRow.of, zone.updates) if start is None or row.time >= start][-limit:]
     assert answer.content == document(history_of(zone, rows), "htwg", zone.id)
     assert all(asked[3] <= PAGE for asked in zone.asked), "a page leaves the journal to the zones"
-
-
-def test_a_zone_without_history_has_an_empty_list() -> None:
-    app = create_app("htwg", {"new": FakeZone("new")}, CollectorRegistry())
-    assert get(app, "/zones/new/history?limit=20000").json()["rows"] == []
 
 
 class Slow:

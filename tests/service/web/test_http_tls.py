@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import ssl
 from pathlib import Path
+from typing import Any
 
 import pytest
 from fastapi import FastAPI, Response
@@ -12,20 +13,23 @@ from support.certificates import Pair, make_pair
 from support.served import Client, ask, config, serving
 from support.waiting import until
 
+from service.config.http import HttpConfig
 from service.errors import CertificateError
 from service.publish.metrics import Metrics
 from service.web.app import create_app
 from service.web.measures import http_measures
 
+PLAIN = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
-def app() -> FastAPI:
+
+def app(size: int = 1) -> FastAPI:
     application = FastAPI()
-
-    @application.get("/")
-    async def root() -> str:
-        return "here"
-
+    application.add_route("/", lambda request: Response(bytes(size)))
     return application
+
+
+def encrypted(pair: Pair, **settings: Any) -> HttpConfig:
+    return config(certificate=pair.certificate, private_key=pair.private_key, **settings)
 
 
 def trusting(pair: Pair) -> ssl.SSLContext:
@@ -38,10 +42,9 @@ def serial(client: Client) -> int:
 
 async def test_the_certificate_is_served_and_a_renewed_one_without_a_restart(tmp_path: Path) -> None:
     old = make_pair(tmp_path, kind="rsa")
-    async with serving(app(), config(certificate=old.certificate, private_key=old.private_key)) as server:
+    async with serving(app(), encrypted(old)) as server:
         assert server.url.startswith("https://")
         kept = await Client.to(server, trusting(old))
-        assert (await kept.ask()).body == b'"here"'
         assert serial(kept) == old.issued.serial_number
         new = make_pair(tmp_path)
         server.reload()
@@ -60,36 +63,27 @@ async def test_the_certificate_is_served_and_a_renewed_one_without_a_restart(tmp
 
 async def test_client_certificates(tmp_path: Path) -> None:
     authority = make_pair(tmp_path, "authority")
-    server_pair = make_pair(tmp_path, "server", signer=authority)
-    friend = make_pair(tmp_path, "friend", signer=authority)
-    stranger = make_pair(tmp_path, "stranger")
-    settings = {
-        "certificate": server_pair.certificate,
-        "private_key": server_pair.private_key,
-        "client_ca": authority.certificate,
-    }
-    async with serving(app(), config(**settings)) as server:
-        known = trusting(authority)
-        known.load_cert_chain(friend.certificate, friend.private_key)
+    friend, stranger = make_pair(tmp_path, "friend", signer=authority), make_pair(tmp_path, "stranger")
+    settings = encrypted(make_pair(tmp_path, "server", signer=authority), client_ca=authority.certificate)
+    known, unknown, without = trusting(authority), trusting(authority), trusting(authority)
+    known.load_cert_chain(friend.certificate, friend.private_key)
+    unknown.load_cert_chain(stranger.certificate, stranger.private_key)
+    async with serving(app(), settings) as server:
         assert (await ask(server, context=known)).status == 200
-        unknown = trusting(authority)
-        unknown.load_cert_chain(stranger.certificate, stranger.private_key)
-        for context in (unknown, trusting(authority)):
+        for context in (unknown, without):
             with pytest.raises((ssl.SSLError, ConnectionError, asyncio.IncompleteReadError)):
                 await ask(server, context=context)
 
 
-@pytest.mark.parametrize("greeting", [b"", b"\x16", b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"])
+@pytest.mark.parametrize("greeting", [b"\x16", PLAIN])
 async def test_who_does_not_finish_the_handshake_is_let_go(
     tmp_path: Path, greeting: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
     pair = make_pair(tmp_path)
-    settings = {"certificate": pair.certificate, "private_key": pair.private_key}
-    limits = {"receive_timeout": 1.0, "connections": 2}
-    async with serving(app(), config(**settings, limits=limits)) as server:
+    async with serving(app(), encrypted(pair, limits={"receive_timeout": 1.0, "connections": 2})) as server:
         client = await Client.to(server)
         await client.send(greeting)
-        if greeting != b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n":
+        if greeting != PLAIN:
             # Counted before it is encrypted.
             await until(lambda: server.connections == 1)
         await client.ended()
@@ -100,17 +94,10 @@ async def test_who_does_not_finish_the_handshake_is_let_go(
 
 
 async def test_who_never_reads_is_cut_off_through_encryption_too(tmp_path: Path) -> None:
-    application = app()
-
-    @application.get("/large")
-    async def large() -> Response:
-        return Response(bytes(32 * 2**20))
-
     pair = make_pair(tmp_path)
-    settings = {"certificate": pair.certificate, "private_key": pair.private_key}
-    async with serving(application, config(**settings, limits={"send_timeout": 0.3})) as server:
+    async with serving(app(32 * 2**20), encrypted(pair, limits={"send_timeout": 0.3})) as server:
         deaf = await Client.to(server, trusting(pair), limit=1024)
         deaf.writer.transport.pause_reading()
-        await deaf.send(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        await deaf.send(PLAIN)
         await until(lambda: server.cut_off["slow to read"] and server.connections == 0)
         deaf.writer.transport.abort()

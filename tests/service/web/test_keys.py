@@ -18,106 +18,76 @@ from service.errors import KeyFileError
 from service.web import keys
 from service.web.keys import KeyRing, create_key, read_keys, revoke_key
 
-LATER = datetime.now(UTC) + timedelta(days=1)
-PAST = datetime.now(UTC) - timedelta(seconds=1)
-
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     return tmp_path / "state" / "keys.json"
 
 
-def test_a_key_has_256_bits_and_is_stored_as_its_digest(file: Path) -> None:
-    secret = create_key(file, "grafana", "read")
-    assert secret.startswith("tg_")
-    assert len(secret) == len("tg_") + 43, "256 bits in base64"
-    content = file.read_text()
-    assert secret not in content
-    assert secret.removeprefix("tg_") not in content
-    (stored,) = json.loads(content)["keys"]
+def test_a_key_has_256_bits_and_its_digest_is_stored_for_the_owner_only(file: Path) -> None:
+    before = os.umask(0)
+    try:
+        secret = create_key(file, "grafana", "read")
+        for change in (lambda: None, lambda: revoke_key(file, "grafana")):
+            change()
+            assert (stat.S_IMODE(file.stat().st_mode), stat.S_IMODE(file.parent.stat().st_mode)) == (0o600, 0o700)
+    finally:
+        os.umask(before)
+    assert [path.name for path in file.parent.iterdir()] == ["keys.json"], "nothing is left beside it"
+    assert (secret[:3], len(secret)) == ("tg_", len("tg_") + 43), "256 bits in base64"
+    assert secret.removeprefix("tg_") not in file.read_text()
+    (stored,) = json.loads(file.read_text())["keys"]
     assert stored["digest"] == hashlib.sha256(secret.encode()).hexdigest()
     assert (stored["name"], stored["scope"], stored["zones"], stored["expires"]) == ("grafana", "read", None, None)
     assert len({create_key(file, f"key-{number}", "read") for number in range(20)}) == 20
 
 
-def test_the_file_is_for_its_owner_only_whatever_the_mask(file: Path) -> None:
-    before = os.umask(0)
-    try:
-        create_key(file, "grafana", "read")
-        assert stat.S_IMODE(file.stat().st_mode) == 0o600
-        assert stat.S_IMODE(file.parent.stat().st_mode) == 0o700
-        revoke_key(file, "grafana")
-        assert stat.S_IMODE(file.stat().st_mode) == 0o600
-    finally:
-        os.umask(before)
-    assert [path.name for path in file.parent.iterdir()] == ["keys.json"], "nothing is left beside it"
-
-
-def test_a_key_is_found_until_it_is_revoked(file: Path) -> None:
-    first, second = create_key(file, "one", "read", ["living"]), create_key(file, "two", "admin")
-    ring = KeyRing(file, required=False)
-    found = ring.find(first)
-    assert found is not None
-    assert (found.name, found.scope, found.zones) == ("one", "read", ("living",))
-    revoke_key(file, "one")
-    assert ring.find(first) is None, "a running daemon notices"
-    assert ring.find(second) is not None
-    assert ring.find("tg_nothing") is None
-    assert ring.find("") is None
-
-
-def test_the_log_says_what_came_and_went(file: Path, caplog: pytest.LogCaptureFixture) -> None:
-    ring = KeyRing(file, required=False)
-    with caplog.at_level(logging.INFO):
-        secret = create_key(file, "one", "admin")
-        ring.find(secret)
-        revoke_key(file, "one")
-        ring.find(secret)
-    assert [record.getMessage() for record in caplog.records] == [
-        "API key 'one' with the scope admin is in force",
-        "API key 'one' is not in force any more",
-    ]
-
-
-def test_an_expired_key_is_not_found(file: Path) -> None:
-    old, good = create_key(file, "old", "read", expires=PAST), create_key(file, "good", "read", expires=LATER)
-    ring = KeyRing(file, required=False)
-    assert (ring.find(old), ring.find(good) is None) == (None, False)
-    assert [key.state(datetime.now(UTC)) for key in read_keys(file)] == ["expired", "active"]
-
-
-def test_keys_are_in_force_from_the_first_on_and_stay_so(file: Path) -> None:
+def test_a_daemon_follows_keys_that_come_and_go_and_says_so(file: Path, caplog: pytest.LogCaptureFixture) -> None:
     ring = KeyRing(file, required=False)
     assert not ring.in_force
-    secret = create_key(file, "one", "read")
-    assert ring.in_force
-    revoke_key(file, "one")
+    with caplog.at_level(logging.INFO):
+        first, second = create_key(file, "one", "read", ["living"]), create_key(file, "two", "admin")
+        found = ring.find(first)
+        assert found is not None
+        assert (found.name, found.scope, found.zones) == ("one", "read", ("living",))
+        assert ring.find(second) is not None
+        assert [ring.find(text) for text in ("tg_nothing", "")] == [None, None]
+        for name in ("one", "two"):
+            revoke_key(file, name)
+        assert [ring.find(secret) for secret in (first, second)] == [None, None]
+    assert {record.getMessage() for record in caplog.records} == {
+        "API key 'one' with the scope read is in force",
+        "API key 'two' with the scope admin is in force",
+        "API key 'one' is not in force any more",
+        "API key 'two' is not in force any more",
+    }
     assert ring.in_force, "revoking the last key does not open the door"
     assert KeyRing(file, required=False).in_force
     file.unlink()
     assert ring.in_force, "nor does a file that goes away"
-    assert ring.find(secret) is None
     assert KeyRing(file, required=True).in_force
 
 
+def test_an_expired_key_is_not_found(file: Path) -> None:
+    now = datetime.now(UTC)
+    old = create_key(file, "old", "read", expires=now - timedelta(seconds=1))
+    good = create_key(file, "good", "read", expires=now + timedelta(days=1))
+    ring = KeyRing(file, required=False)
+    assert (ring.find(old), ring.find(good) is None) == (None, False)
+    assert [key.state(now) for key in read_keys(file)] == ["expired", "active"]
+
+
 def test_a_name_is_free_again_once_revoked(file: Path) -> None:
-    first = create_key(file, "one", "read")
+    first, _ = create_key(file, "one", "read"), create_key(file, "other", "read")
     with pytest.raises(KeyFileError, match="there is a key 'one' already"):
         create_key(file, "one", "admin")
     revoke_key(file, "one")
+    for name in ("one", "nobody"):
+        with pytest.raises(KeyFileError, match=f"no key '{name}' to revoke; the keys are other"):
+            revoke_key(file, name)
     second = create_key(file, "one", "admin")
     ring = KeyRing(file, required=False)
-    assert (ring.find(first), len(read_keys(file))) == (None, 1)
-    assert ring.find(second) is not None
-
-
-@pytest.mark.parametrize("name", ["nobody", "gone"])
-def test_only_keys_that_are_there_can_be_revoked(file: Path, name: str) -> None:
-    create_key(file, "one", "read")
-    create_key(file, "gone", "read")
-    revoke_key(file, "gone")
-    with pytest.raises(KeyFileError, match=f"no key '{name}' to revoke; the keys are one"):
-        revoke_key(file, name)
+    assert (ring.find(first), ring.find(second) is None, len(read_keys(file))) == (None, False, 2)
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"schema": 2}', b'{"schema": 1, "keys": [{}]}', b"\xff\xfe"])
@@ -148,12 +118,14 @@ def test_a_file_that_others_can_write_is_not_believed(file: Path, mode: int) -> 
     file.chmod(mode)
     with pytest.raises(KeyFileError, match=r"can be changed by other accounts.*chmod 600"):
         read_keys(file)
-    file.write_text(file.read_text().replace(hashlib.sha256(secret.encode()).hexdigest(), "0" * 64))
     with pytest.raises(KeyFileError, match="cannot be read now"):
         ring.find(secret)
     file.chmod(0o600)
-    assert ring.find(secret) is None
-    assert ring.find("tg_forged") is None
+    assert ring.find(secret) is not None
+    if os.geteuid() == 0:
+        os.chown(file, 12345, -1)
+        with pytest.raises(KeyFileError, match="can be changed by other accounts"):
+            read_keys(file)
 
 
 @pytest.mark.parametrize("failure", [errno.EMFILE, errno.EACCES, errno.EIO])
@@ -258,11 +230,3 @@ def test_root_makes_keys_for_the_account_whose_folder_it_is_and_follows_no_link_
     (folder / "keys.json").symlink_to(private / "keys.json")
     with pytest.raises(KeyFileError, match="Permission denied"):
         create_key(folder / "keys.json", "two", "read")
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file away")
-def test_a_file_that_belongs_to_another_account_is_not_believed(file: Path) -> None:
-    create_key(file, "one", "admin")
-    os.chown(file, 12345, -1)
-    with pytest.raises(KeyFileError, match="can be changed by other accounts"):
-        read_keys(file)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from fastapi import Depends, FastAPI
+from fastapi import Depends
 from fastapi.responses import StreamingResponse
 from support.waiting import until
 
@@ -65,78 +65,46 @@ async def test_nobody_waits_for_ever_behind_their_own_requests(
     assert "greedy has waited 0 s for its turn; large answers: greedy 2" in caplog.text
 
 
-@pytest.fixture
-def app(tmp_path: Path) -> FastAPI:
-    app = create_app("htwg", {}, Metrics({}).registry, keys=KeyRing(tmp_path / "keys.json", required=False))
-    app.state.limiter = limited(streams_per_client=1, streams=2)
-    app.state.go = asyncio.Event()
+async def test_a_place_is_held_until_the_stream_ends_breaks_or_its_client_or_key_goes(tmp_path: Path) -> None:
+    file = tmp_path / "keys.json"
+    app = create_app("htwg", {}, Metrics({}).registry, keys=KeyRing(file, required=False))
+    limiter = app.state.limiter = limited(streams_per_client=1, streams=2)
+    go = asyncio.Event()
 
-    async def numbers() -> AsyncIterator[bytes]:
-        yield b"1"
-        await app.state.go.wait()
-        yield b"2"
-
-    async def broken() -> AsyncIterator[bytes]:
-        yield b"1"
-        raise OSError("gone")
-
-    @app.get("/stream", dependencies=[Depends(stream_slot)])
-    async def stream() -> StreamingResponse:
-        return StreamingResponse(numbers())
-
-    @app.get("/broken", dependencies=[Depends(stream_slot)])
-    async def break_off() -> StreamingResponse:
-        return StreamingResponse(broken())
-
-    return app
-
-
-async def ask(app: FastAPI, path: str, **headers: str) -> int:
-    transport = httpx.ASGITransport(app, raise_app_exceptions=False)
-    async with httpx.AsyncClient(transport=transport, base_url="http://localhost", headers=headers) as client:
-        return (await client.get(path)).status_code
-
-
-async def test_a_place_is_held_until_the_stream_has_ended(app: FastAPI, tmp_path: Path) -> None:
-    secrets = [create_key(tmp_path / "keys.json", name, "read") for name in ("one", "two", "three")]
-    first, second, third = ({"authorization": f"Bearer {secret}"} for secret in secrets)
-    running = asyncio.create_task(ask(app, "/stream", **first))
-    await until(lambda: app.state.limiter.open(STREAMS) == 1)
-    assert await ask(app, "/stream", **first) == 429, "clients are told apart by their keys, not their address"
-    other = asyncio.create_task(ask(app, "/stream", **second))
-    await until(lambda: app.state.limiter.open(STREAMS) == 2)
-    assert await ask(app, "/stream", **third) == 503
-    app.state.go.set()
-    assert (await running, await other) == (200, 200)
-    assert app.state.limiter.open(STREAMS) == 0
-
-
-async def test_a_stream_ends_when_its_key_is_revoked(app: FastAPI, tmp_path: Path) -> None:
-    async def ticks() -> AsyncIterator[bytes]:
-        while True:
+    async def events(breaks: bool) -> AsyncIterator[bytes]:
+        while not go.is_set():
             yield b"tick"
-            await asyncio.sleep(0.01)
+            if breaks:
+                raise OSError("gone")
+            await asyncio.sleep(0.001)
 
-    @app.get("/ticks", dependencies=[Depends(stream_slot)])
-    async def tick() -> StreamingResponse:
-        return StreamingResponse(ticks())
+    @app.get("/events", dependencies=[Depends(stream_slot)])
+    async def stream(breaks: bool = False) -> StreamingResponse:
+        return StreamingResponse(events(breaks))
 
-    secret = create_key(tmp_path / "keys.json", "one", "read")
+    secrets = {name: create_key(file, name, "read") for name in ("one", "two", "three")}
 
-    running = asyncio.create_task(ask(app, "/ticks", authorization=f"Bearer {secret}"))
-    await until(lambda: app.state.limiter.open(STREAMS) == 1)
-    await asyncio.sleep(0.1)
-    assert not running.done()
-    revoke_key(tmp_path / "keys.json", "one")
-    assert await asyncio.wait_for(running, 180) == 200
-    assert app.state.limiter.open(STREAMS) == 0
+    async def opened(name: str, query: str = "") -> int:
+        headers = {"authorization": f"Bearer {secrets[name]}"}
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://localhost") as client:
+            return (await client.get(f"/events{query}", headers=headers)).status_code
 
-
-async def test_a_place_is_given_back_if_the_stream_breaks_or_its_client_goes(app: FastAPI) -> None:
-    await ask(app, "/broken")
-    assert app.state.limiter.open(STREAMS) == 0
-    running = asyncio.create_task(ask(app, "/stream"))
-    await until(lambda: app.state.limiter.open(STREAMS) == 1)
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
-    await until(lambda: app.state.limiter.open(STREAMS) == 0)
+    with pytest.raises(OSError, match="gone"):
+        await opened("one", "?breaks=true")
+    first = asyncio.create_task(opened("one"))
+    await until(lambda: limiter.open(STREAMS) == 1)
+    assert await opened("one") == 429, "clients are told apart by their keys, not their address"
+    second = asyncio.create_task(opened("two"))
+    await until(lambda: limiter.open(STREAMS) == 2)
+    assert await opened("three") == 503
+    revoke_key(file, "one")
+    assert await first == 200
+    assert limiter.open(STREAMS) == 1
+    second.cancel()
+    await asyncio.gather(second, return_exceptions=True)
+    assert limiter.open(STREAMS) == 0
+    third = asyncio.create_task(opened("three"))
+    await until(lambda: limiter.open(STREAMS) == 1)
+    go.set()
+    assert await third == 200
+    assert limiter.open(STREAMS) == 0

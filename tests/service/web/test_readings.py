@@ -7,7 +7,7 @@ import gzip
 import json
 import tracemalloc
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,9 @@ from service.web import readings
 from service.web.app import create_app
 from service.web.keys import KeyRing, create_key
 from service.web.limits import POSTS, table
+from service.web.models import PostedReadings
 from service.web.readings import MAX_VALUES
+from service.web.server.in_process import ask
 from service.web.server.refusal import MOST_SENTENCES, RequestRefused
 from service.web.site import Backend
 
@@ -38,6 +40,7 @@ OF_ONE, WAITING = table(LimitsConfig())[POSTS][2:4]
 JSON = "application/json"
 SENML = "application/senml+json"
 LINES = "text/plain"
+GZIP = {"Content-Encoding": "gzip"}
 
 
 class Desk:
@@ -74,9 +77,9 @@ def app(desk: Desk, file: Path) -> FastAPI:
     return served(desk, file)
 
 
-def served(desk: Desk, file: Path, **limits: int) -> FastAPI:
+def served(desk: Desk, file: Path, zone: str = "living", **limits: int) -> FastAPI:
     """An application with limits, that of the body 4 MB."""
-    zones = {zone.id: zone for zone in (running("living"), running("bedroom"))}
+    zones = {name: running(name) for name in (zone, "bedroom")}
     http = HttpConfig.model_validate({"limits": {"body": 4_000_000, **limits}}, context={"folder": "/"})
     keys = KeyRing(file, required=False)
     return create_app("htwg", zones, Metrics(zones).registry, keys=keys, backend=Backend(take=desk.take), http=http)
@@ -113,15 +116,14 @@ def test_three_formats(app: FastAPI, desk: Desk, key: str) -> None:
     assert third == [Posted("living", 21.5, 1768478400.0, "T_i", {})]
 
 
-def test_the_documented_example_is_a_valid_request(app: FastAPI, desk: Desk, key: str, file: Path) -> None:
-    reader = {"Authorization": f"Bearer {create_key(file, 'reader', 'read')}"}
-    document = get(app, "/openapi.json", headers=reader).json()
-    (example,) = document["components"]["schemas"]["PostedReadings"]["examples"]
-    assert post(app, json.dumps(example).encode(), key, JSON).status_code == 200
-    content = document["paths"]["/readings"]["post"]["requestBody"]["content"]
-    assert post(app, json.dumps(content[SENML]["schema"]["examples"][0]).encode(), key, SENML).status_code == 200
-    assert post(app, content[LINES]["schema"]["examples"][0].encode(), key).status_code == 200
-    assert [len(posted) for posted, _ in desk.taken] == [1, 1, 2]
+def test_the_documented_example_is_a_valid_request(app: FastAPI, desk: Desk, key: str) -> None:
+    described = app.openapi()["paths"]["/readings"]["post"]["requestBody"]["content"]
+    examples = {kind: content["schema"].get("examples") for kind, content in described.items()}
+    examples[JSON] = PostedReadings.model_json_schema()["examples"]
+    for kind, (example, *_) in examples.items():
+        body = example if isinstance(example, str) else json.dumps(example)
+        assert post(app, body.encode(), key, kind).status_code == 200
+    assert sorted(len(posted) for posted, _ in desk.taken) == [1, 1, 2]
 
 
 @pytest.mark.parametrize("path", ["/readings", "/zones/living/readings"])
@@ -130,36 +132,32 @@ def test_posting_needs_a_key_for_it_even_where_reading_is_open(app: FastAPI, des
     answer = request(app, "POST", path, content=b"a b=1", headers={"Content-Type": LINES})
     assert "needs an API key" in problem(answer, 401)["detail"]
     problem(post(app, b"a b=1", create_key(file, "reader", "read"), path=path), 403)
-    assert post(app, b"a b=1", create_key(file, "boss", "admin"), path=path).status_code == 200
-    assert post(app, b"a b=1", create_key(file, "writer", "write"), path=path).status_code == 200
+    for allowed in ("admin", "write"):
+        assert post(app, b"a b=1", create_key(file, allowed, allowed), path=path).status_code == 200
     assert len(desk.taken) == 2
 
 
-def test_a_zone_may_be_called_readings(tmp_path: Path, desk: Desk, file: Path) -> None:
-    zones = {"readings": running("readings")}
-    app = create_app(
-        "htwg", zones, Metrics(zones).registry, keys=KeyRing(file, required=False), backend=Backend(take=desk.take)
-    )
-    assert get(app, "/zones/readings").status_code == 200
-    assert get(app, "/zones/readings/forecast").status_code == 200
+def test_a_zone_may_be_called_readings(desk: Desk, file: Path) -> None:
+    app = served(desk, file, zone="readings")
+    for path in ("/zones/readings", "/zones/readings/forecast"):
+        assert get(app, path).status_code == 200
     problem(request(app, "POST", "/zones/readings/readings", content=b"a b=1"), 401)
 
 
-def test_a_key_for_writing_does_nothing_else(app: FastAPI, key: str) -> None:
+def test_a_key_for_writing_does_nothing_else_and_for_one_zone_in_no_other(
+    app: FastAPI, desk: Desk, key: str, file: Path
+) -> None:
     headers = {"Authorization": f"Bearer {key}"}
     for path in ("/zones", "/zones/living", "/zones/living/forecast", "/metrics", "/readyz"):
         assert "key for read" in problem(get(app, path, headers=headers), 403)["detail"]
-    problem(request(app, "POST", "/zones/living/forecast", json={"horizon": "10min"}, headers=headers), 403)
-    problem(request(app, "POST", "/admin/reload", headers=headers), 403)
+    for path in ("/zones/living/forecast", "/admin/reload"):
+        problem(request(app, "POST", path, json={"horizon": "10min"}, headers=headers), 403)
     assert get(app, "/healthz", headers=headers).status_code == 200
-
-
-def test_a_key_for_one_zone_posts_to_no_other(app: FastAPI, desk: Desk, file: Path) -> None:
-    key = create_key(file, "tenant", "write", ["living"])
-    assert post(app, b"living T_i=1", key, path="/zones/living/readings").status_code == 200
-    problem(post(app, b"bedroom T_i=1", key, path="/zones/bedroom/readings"), 404)
-    assert "all zones" in problem(post(app, b"living T_i=1", key), 403)["detail"]
-    problem(post(app, b"a b=1", create_key(file, "any", "write"), path="/zones/attic/readings"), 404)
+    problem(post(app, b"a b=1", key, path="/zones/attic/readings"), 404)
+    tenant = create_key(file, "tenant", "write", ["living"])
+    assert post(app, b"living T_i=1", tenant, path="/zones/living/readings").status_code == 200
+    problem(post(app, b"bedroom T_i=1", tenant, path="/zones/bedroom/readings"), 404)
+    assert "all zones" in problem(post(app, b"living T_i=1", tenant), 403)["detail"]
     assert len(desk.taken) == 1
 
 
@@ -223,33 +221,33 @@ def test_too_many_values_are_refused_before_they_are_looked_at(
     assert not desk.taken
 
 
-PACKED = {"Content-Type": SENML, "Content-Encoding": "gzip"}
+def many(first: dict[str, Any]) -> bytes:
+    """SenML of nearly as many values as are taken, behind `first`."""
+    return json.dumps([first] + [{"n": str(k), "v": 1} for k in range(19_990)]).encode()
 
 
 @pytest.mark.parametrize(
-    ("body", "headers"),
+    ("body", "kind"),
     [
-        (json.dumps([{"bn": "x" * 500_000}] + [{"n": str(k), "v": 1} for k in range(19_990)]).encode(), PACKED),
-        (json.dumps([{"bu": "x" * 500_000}] + [{"n": str(k), "v": 1} for k in range(19_990)]).encode(), PACKED),
-        (json.dumps([{"bn": ["x" * 500_000]}] + [{"n": str(k), "v": 1} for k in range(19_990)]).encode(), PACKED),
-        (json.dumps([{"bn": "\U0001f321" * 200}] + [{"n": str(k), "v": 1} for k in range(19_990)]).encode(), PACKED),
-        (b"[" + b"[]," * 300_000 + b"[]]", PACKED),
-        (b"a" + b",a=b" * 250_000 + b" a=1", {"Content-Type": LINES}),
-        (b"a b=1" + b",b=1" * 250_000, {"Content-Type": LINES}),
+        (many({"bn": "x" * 500_000}), SENML),
+        (many({"bu": "x" * 500_000}), SENML),
+        (many({"bn": ["x" * 500_000]}), SENML),
+        (many({"bn": "\U0001f321" * 200}), SENML),
+        (b"[" + b"[]," * 300_000 + b"[]]", SENML),
+        (b"a" + b",a=b" * 250_000 + b" a=1", LINES),
+        (b"a b=1" + b",b=1" * 250_000, LINES),
     ],
     ids=["name", "unit", "no text", "wide", "lists", "tags", "fields"],
 )
-def test_what_is_decoded_is_bounded_and_not_only_what_arrives(body: bytes, headers: dict[str, str]) -> None:
+def test_what_is_decoded_is_bounded_and_not_only_what_arrives(body: bytes, kind: str) -> None:
     """At most 30 times the largest body, whatever is in it."""
-    limit = 1_048_576
-    sent = gzip.compress(body) if "Content-Encoding" in headers else body
+    limit, headers = 1_048_576, {"content-type": kind, "content-encoding": "gzip"}
     assert len(body) <= limit
+    packed = gzip.compress(body)
     tracemalloc.start()
     try:
         with suppress(RequestRefused):
-            sent_with = {name.lower(): text for name, text in headers.items()}
-            content = readings.unpacked(sent, sent_with, limit) if "content-encoding" in sent_with else sent
-            readings.read(content, sent_with, "ns")
+            readings.read(readings.unpacked(packed, headers, limit), headers, "ns")
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -262,7 +260,7 @@ def test_a_key_that_posts_too_much_waits_and_no_other_does(
     app = served(desk, file, post_rate=1000)
     greedy, honest = create_key(file, "greedy", "write"), create_key(file, "honest", "write")
     body = gzip.compress(b"a b=1\n" * 10_500)
-    assert post(app, body, greedy, **{"Content-Encoding": "gzip"}).status_code == 200, "a minute's worth at once"
+    assert post(app, body, greedy, **GZIP).status_code == 200, "a minute's worth at once"
     refused = post(app, b"a b=1", greedy)
     assert "more than 1000 bytes/s" in problem(refused, 429)["detail"]
     assert 0 < int(refused.headers["retry-after"]) <= 60
@@ -271,31 +269,31 @@ def test_a_key_that_posts_too_much_waits_and_no_other_does(
 
 
 def test_a_packed_body(app: FastAPI, desk: Desk, key: str) -> None:
-    assert post(app, gzip.compress(b"a b=1"), key, **{"Content-Encoding": "gzip"}).status_code == 200
-    bomb = gzip.compress(b"\n" * 5_000_000)
-    detail = problem(post(app, bomb, key, **{"Content-Encoding": "gzip"}), 413)["detail"]
+    good = gzip.compress(b"a b=1")
+    assert post(app, good, key, **GZIP).status_code == 200
+    detail = problem(post(app, gzip.compress(b"\n" * 5_000_000), key, **GZIP), 413)["detail"]
     assert detail == "the body is larger than 4000000 bytes when it is unpacked"
-    for wrong in (b"a b=1", gzip.compress(b"a b=1")[:-4], gzip.compress(b"a b=1") + b"more"):
-        problem(post(app, wrong, key, **{"Content-Encoding": "gzip"}), 400)
+    for wrong in (b"a b=1", good[:-4], good + b"more"):
+        problem(post(app, wrong, key, **GZIP), 400)
     problem(post(app, b"a b=1", key, **{"Content-Encoding": "br"}), 415)
     assert len(desk.taken) == 1
 
 
-def chunked(key: str, kind: str = LINES) -> dict[str, str]:
-    return {"Authorization": f"Bearer {key}", "Content-Type": kind, "Transfer-Encoding": "chunked"}
-
-
-async def slowly(app: FastAPI, key: str) -> None:
-    """Post with `key` the headers and one byte, and no more."""
-    waiting = [{"type": "http.request", "body": b"#", "more_body": True}]
+def sent_in_pieces(key: str, path: str, *messages: dict[str, Any]) -> tuple[Any, Any, Callable[..., Any]]:
+    """What an application is called with for a post in chunks: `messages`, and nothing after them."""
+    came = list(messages)
 
     async def receive() -> Any:
-        return waiting.pop() if waiting else await asyncio.Event().wait()
+        return came.pop(0) if came else await asyncio.Event().wait()
 
     async def send(message: Any) -> None:
         pass
 
-    await app(scope("POST", "/readings", chunked(key)), receive, send)
+    headers = {"Authorization": f"Bearer {key}", "Content-Type": LINES, "Transfer-Encoding": "chunked"}
+    return scope("POST", path, headers), receive, send
+
+
+BEGUN = {"type": "http.request", "body": b"#", "more_body": True}
 
 
 def test_one_tenants_key_does_not_stop_the_readings_of_another(
@@ -304,37 +302,34 @@ def test_one_tenants_key_does_not_stop_the_readings_of_another(
     """Requests that never end, and as many whole ones as a key may have waiting for a journal that hangs."""
     other = create_key(file, "honest", "write")
 
+    async def one(secret: str) -> int:
+        headers = [(b"host", b"localhost"), (b"authorization", f"Bearer {secret}".encode())]
+        body = entries({"channel": "a", "value": 1})
+        return (await ask(app, "POST", "/readings", body=body, headers=headers)).status
+
     async def run() -> list[int]:
-        slow = [asyncio.create_task(slowly(app, key)) for _ in range(50)]
+        slow = [asyncio.create_task(app(*sent_in_pieces(key, "/readings", BEGUN))) for _ in range(50)]
         await asyncio.sleep(0)
         desk.open = asyncio.Event()
-        transport = httpx.ASGITransport(app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
-
-            async def one(secret: str) -> int:
-                headers = {"Authorization": f"Bearer {secret}", "Content-Type": LINES}
-                return (await client.post("/readings", content=b"a b=1", headers=headers)).status_code
-
-            greedy = [asyncio.create_task(one(key)) for _ in range(WAITING + 3)]
-            while sum(task.done() for task in greedy) < 3:
-                await asyncio.sleep(0)
-            honest = asyncio.create_task(one(other))
-            while desk.asked < OF_ONE + 1:
-                await asyncio.sleep(0)
-            assert not honest.done(), "it is with the journal, beside those of the other key"
-            desk.open.set()
-            statuses = [await honest, *await asyncio.gather(*greedy)]
+        greedy = [asyncio.create_task(one(key)) for _ in range(WAITING + 3)]
+        while sum(task.done() for task in greedy) < 3:
+            await asyncio.sleep(0)
+        honest = asyncio.create_task(one(other))
+        while desk.asked < OF_ONE + 1:
+            await asyncio.sleep(0)
+        assert not honest.done(), "it is with the journal, beside those of the other key"
+        desk.open.set()
+        statuses = [await honest, *await asyncio.gather(*greedy)]
         for task in slow:
             task.cancel()
         await asyncio.gather(*slow, return_exceptions=True)
         return statuses
 
-    with caplog.at_level("WARNING"):
-        honest, *greedy = asyncio.run(run())
+    honest, *greedy = asyncio.run(run())
     assert honest == 200
     assert Counter(greedy) == {200: WAITING, 429: 3}, "who posts faster than the journal writes waits, or is refused"
-    told = [record.getMessage() for record in caplog.records if "refused" in record.getMessage()]
-    assert set(told) == {f"key telegraf has {WAITING} posts of readings open, and further ones are refused"}
+    told = {record.getMessage() for record in caplog.records if "refused" in record.getMessage()}
+    assert told == {f"key telegraf has {WAITING} posts of readings open, and further ones are refused"}
 
 
 def test_where_the_journal_fails_the_client_is_told_to_come_back(app: FastAPI, desk: Desk, key: str) -> None:
@@ -346,18 +341,9 @@ def test_where_the_journal_fails_the_client_is_told_to_come_back(app: FastAPI, d
     assert post(app, b"a b=1", key).status_code == 200
 
 
-@pytest.mark.parametrize("route", ["/readings", "/zones/living/readings"])
+@pytest.mark.parametrize("path", ["/readings", "/zones/living/readings"])
 def test_a_client_that_goes_away_in_the_middle_of_a_body_is_no_failure(
-    app: FastAPI, desk: Desk, key: str, route: str
+    app: FastAPI, desk: Desk, key: str, path: str
 ) -> None:
-    messages = [{"type": "http.request", "body": b"[", "more_body": True}, {"type": "http.disconnect"}]
-    sent: list[Any] = []
-
-    async def receive() -> Any:
-        return messages.pop(0)
-
-    async def send(message: Any) -> None:
-        sent.append(message)
-
-    asyncio.run(app(scope("POST", route, chunked(key, JSON)), receive, send))
+    asyncio.run(app(*sent_in_pieces(key, path, BEGUN, {"type": "http.disconnect"})))
     assert desk.taken == []

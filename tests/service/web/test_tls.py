@@ -10,10 +10,9 @@ from pathlib import Path
 import pytest
 from support.certificates import Pair, make_pair
 
-from service.config.http import HttpConfig
 from service.errors import CertificateError
 from service.web.server import tls
-from service.web.server.tls import ServerCertificate, server_certificate
+from service.web.server.tls import ServerCertificate
 
 
 def loaded(pair: Pair) -> ServerCertificate:
@@ -27,20 +26,6 @@ def test_only_modern_encryption(tmp_path: Path) -> None:
         assert cipher["aead"], cipher["name"]
         assert cipher["protocol"] == "TLSv1.3" or cipher["name"].startswith("ECDHE-"), cipher["name"]
     assert abs(certificate.expires - datetime.now(UTC) - timedelta(days=90)) < timedelta(minutes=1)
-    assert certificate.context.verify_mode == ssl.CERT_NONE
-
-
-@pytest.mark.parametrize("kind", ["ec", "rsa"])
-def test_from_the_configuration(tmp_path: Path, kind: str) -> None:
-    assert server_certificate(HttpConfig()) is None
-    pair = make_pair(tmp_path, kind=kind)
-    config = HttpConfig.model_validate(
-        {"certificate": pair.certificate, "private_key": pair.private_key, "client_ca": pair.certificate},
-        context={"folder": tmp_path},
-    )
-    certificate = server_certificate(config)
-    assert certificate is not None
-    assert certificate.context.verify_mode == ssl.CERT_REQUIRED
 
 
 def refusal(pair: Pair, client_ca: Path | None = None) -> str:
@@ -53,19 +38,19 @@ def refusal(pair: Pair, client_ca: Path | None = None) -> str:
 
 def test_mistakes_in_one_sentence(tmp_path: Path) -> None:
     good, other = make_pair(tmp_path, "good"), make_pair(tmp_path, "other")
+    locked = make_pair(tmp_path, "locked", password=b"hush")
     missing, empty = tmp_path / "missing.pem", tmp_path / "empty.pem"
     empty.write_text("")
-    assert "http.certificate: " in (said := refusal(good._replace(certificate=missing)))
+    said = refusal(good._replace(certificate=missing))
+    assert said.startswith("http.certificate: ")
     assert "missing.pem cannot be read (No such file or directory)" in said
-    assert "http.private_key: " in (said := refusal(good._replace(private_key=missing)))
-    assert "No such file" in said
+    assert refusal(good._replace(private_key=missing)).startswith("http.private_key: ")
     assert "empty.pem is not what is needed here; give PEM" in refusal(good._replace(certificate=empty))
-    assert "empty.pem is not what is needed here" in refusal(good._replace(private_key=empty))
     assert "good.pem is not what is needed here" in refusal(good._replace(private_key=good.certificate))
     assert "other.key does not belong to the first certificate" in refusal(good._replace(private_key=other.private_key))
-    assert "is encrypted, and there is nobody to ask" in refusal(make_pair(tmp_path, "locked", password=b"hush"))
-    assert "http.client_ca: " in refusal(good, missing)
-    assert "http.client_ca: " in refusal(good, empty)
+    assert "is encrypted, and there is nobody to ask" in refusal(locked)
+    for authority in (missing, empty):
+        assert refusal(good, authority).startswith("http.client_ca: ")
     other.private_key.chmod(0o604)
     assert "every account of this machine" in refusal(other)
     other.private_key.chmod(0o640)
@@ -103,20 +88,12 @@ def test_a_mistaken_renewal_leaves_the_old_one(tmp_path: Path, caplog: pytest.Lo
     assert certificate.expires < expires
 
 
-@pytest.mark.parametrize(("days", "words"), [(13, "ends on"), (-1, "has ended on")])
-def test_the_end_is_spoken_of_in_time(
-    tmp_path: Path, days: float, words: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("days", "words"), [(15, None), (13, "ends on"), (-1, "has ended on")])
+def test_the_end_is_spoken_of_in_time_and_again_every_day(
+    tmp_path: Path, days: float, words: str | None, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     certificate = loaded(make_pair(tmp_path, days=days))
-    certificate.follow()
-    certificate.follow()
-    (record,) = caplog.records
-    assert words in record.getMessage()
-    monkeypatch.setattr(tls, "REMIND_SECONDS", -1.0)
-    certificate.follow()
-    assert len(caplog.records) == 2, "again every day"
-
-
-def test_a_distant_end_is_not(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    loaded(make_pair(tmp_path, days=15)).follow()
-    assert not caplog.records
+    for reminder in (tls.REMIND_SECONDS, tls.REMIND_SECONDS, -1.0):
+        monkeypatch.setattr(tls, "REMIND_SECONDS", reminder)
+        certificate.follow()
+    assert [words in record.getMessage() for record in caplog.records] == [True] * (2 if words else 0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import pytest
@@ -26,23 +25,17 @@ def app(zones: dict[str, FakeZone]) -> FastAPI:
     return create_app("htwg", zones, CollectorRegistry())
 
 
-@pytest.mark.parametrize("limit", [1, 2, 3, 4])
+@pytest.mark.parametrize("limit", [1, 2, 3])
 def test_pages_of_zones_are_all_zones_once(app: FastAPI, limit: int) -> None:
     found, after = [], ""
-    while True:
-        told = get(app, f"/zones?limit={limit}{after}").json()
+    while after is not None:
+        told = get(app, f"/zones?limit={limit}" + after).json()
         page = [zone["id"] for zone in told["zones"]]
         assert len(page) <= limit
-        found += page
-        if told["next"] is None:
-            break
-        assert told["next"] == page[-1]
-        after = f"&after={page[-1]}"
+        assert told["next"] in (page[-1], None)
+        found, after = found + page, told["next"] and f"&after={page[-1]}"
     assert found == ["living", "attic", "cellar"]
     assert get(app, "/zones").json()["next"] is None
-
-
-def test_a_page_after_a_zone_that_is_gone_is_refused(app: FastAPI) -> None:
     assert "there is no zone 'garage' any more" in problem(get(app, "/zones?limit=2&after=garage"), 422)["detail"]
 
 
@@ -52,20 +45,16 @@ def test_published_levels_are_not_computed_again(app: FastAPI, zones: dict[str, 
     assert zones["living"].asked == []
 
 
-@pytest.mark.parametrize("state", ["stalled", "failed"])
-def test_a_zone_that_cannot_vouch_for_its_forecast_says_bad(
-    app: FastAPI, zones: dict[str, FakeZone], state: str
+def test_a_zone_that_cannot_vouch_for_its_forecast_says_bad_and_computes_nothing_new(
+    app: FastAPI, zones: dict[str, FakeZone]
 ) -> None:
-    zones["living"].state = state
-    assert get(app, "/zones/living/forecast").json()["quality"] == "bad"
-
-
-@pytest.mark.parametrize("query", ["horizon=1h", "level=.3"])
-def test_a_stalled_zone_computes_nothing_new(app: FastAPI, zones: dict[str, FakeZone], query: str) -> None:
-    zones["living"].state, zones["living"].reason = "stalled", "T_out is 1500 s old"
-    answer = get(app, f"/zones/living/forecast?{query}")
-    assert problem(answer, 503)["detail"] == "zone 'living' has no forecast now (stalled): T_out is 1500 s old"
-    assert "retry-after" in answer.headers
+    for state in ("failed", "stalled"):
+        zones["living"].state, zones["living"].reason = state, "T_out is 1500 s old"
+        assert get(app, "/zones/living/forecast").json()["quality"] == "bad"
+    for query in ("horizon=1h", "level=.3"):
+        answer = get(app, f"/zones/living/forecast?{query}")
+        assert problem(answer, 503)["detail"] == "zone 'living' has no forecast now (stalled): T_out is 1500 s old"
+        assert "retry-after" in answer.headers
 
 
 def test_a_time_is_of_any_zone_and_its_fraction_of_a_second_rounds_up(app: FastAPI, zones: dict[str, FakeZone]) -> None:
@@ -101,10 +90,11 @@ def test_the_longest_horizon_is_allowed(app: FastAPI, zones: dict[str, FakeZone]
 
 
 def test_a_body_that_is_not_json(app: FastAPI) -> None:
-    headers = {"Content-Type": "application/json"}
-    answer = request(app, "POST", "/zones/living/forecast", content='{"horizon": ', headers=headers)
-    assert problem(answer, 422)["errors"][0].startswith("the body is not JSON")
-    answer = request(app, "POST", "/zones/living/forecast", content=json.dumps({"horizon": "1h"}))
-    assert "Content-Type: application/json" in problem(answer, 422)["errors"][0]
-    answer = request(app, "POST", "/zones/living/forecast")
-    assert problem(answer, 422)["errors"] == ["the JSON body is missing"]
+    json = {"Content-Type": "application/json"}
+    for sent, sentence in (
+        ({"content": '{"horizon": ', "headers": json}, "the body is not JSON"),
+        ({"content": '{"horizon": "1h"}'}, "the body was not sent as JSON; set Content-Type: application/json"),
+        ({}, "the JSON body is missing"),
+    ):
+        answer = request(app, "POST", "/zones/living/forecast", **sent)
+        assert problem(answer, 422)["errors"][0].startswith(sentence)
