@@ -3,11 +3,9 @@
 import asyncio
 import json
 import socket
-import threading
 import time
 from contextlib import asynccontextmanager
 
-import pytest
 from prometheus_client import CollectorRegistry
 from support.fake_zones import PERIOD, START, announced, make_update, running, waiting
 from support.running_zone import Announced
@@ -23,6 +21,7 @@ from service.web.app import create_app
 from service.web.site import Backend
 
 SITE = "home"
+STANDING = ["forecast", "volatility", "gate", "trust", "status"]
 
 
 class Listener(Client):
@@ -30,22 +29,24 @@ class Listener(Client):
 
     text, rest = "", b""
 
-    async def events(self, count):
-        """Read until `count` events have come; (event, id, data) of every one of them."""
+    async def until(self, heard):
+        """Read until `heard` is true."""
         async with asyncio.timeout(PATIENCE):
-            while len(found := self.parsed()) < count:
+            while not heard():
                 chunk = await self.reader.read(65536)
                 assert chunk, f"ended after {self.text}"
                 self.text += chunk.decode()
-        return found
+
+    async def events(self, count):
+        """Read until `count` events have come; (event, id, data) of every one of them."""
+        await self.until(lambda: len(self.parsed()) >= count)
+        return self.parsed()
 
     async def heard(self, stamp):
-        """Read until the status of the sample at `stamp` has come; what came before is forgotten."""
-        news = ""
-        async with asyncio.timeout(PATIENCE):
-            while "event: status" not in news or f"id: {stamp}" not in news.split("event: status")[-1]:
-                news += (await self.reader.read(65536)).decode()
-        return news
+        """Read until the status of the sample at `stamp` has come; how many events came before, which are forgotten."""
+        await self.until(lambda: f"id: {stamp}" in self.text.rpartition("event: status")[2])
+        news, self.text = self.text, ""
+        return news.count("event: ")
 
     def parsed(self):
         events = []
@@ -63,33 +64,34 @@ class Site:
     def __init__(self, server, streams, zone, app):
         self.server, self.streams, self.zone, self.app, self.clients = server, streams, zone, app, []
 
-    async def connect(self, headers="", receive_buffer=None):
+    @property
+    def open(self):
+        return self.app.state.limiter.open("streams")
+
+    async def connect(self, headers="", deaf=False):
         # A reader with a tiny limit stops reading from its socket until it is asked to.
-        client = await Listener.to(self.server, limit=2**16 if receive_buffer is None else 16)
-        if receive_buffer is not None:
-            client.writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        client = await Listener.to(self.server, limit=16 if deaf else 2**16)
+        if deaf:
+            client.writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
         await client.send(f"GET /zones/living/stream HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n".encode())
         self.clients.append(client)
         return client
 
-    def announce(self, step):
+    async def announce(self, step):
         update = make_update(step, self.zone.network)
         self.zone.updates.append(update)
         # As the zones do, from another thread.
-        announcement = announced("living", update, self.zone.now().status, site=SITE)
-        announcing = threading.Thread(target=self.streams.publish, args=(announcement,))
-        announcing.start()
-        announcing.join()
+        await asyncio.to_thread(self.streams.publish, announced("living", update, self.zone.now().status, site=SITE))
         return update
 
 
 @asynccontextmanager
-async def opened(limits=None, zones=None):
+async def opened(limits=None, zone=None):
     streams, http = Streams(), config(limits=limits or {})
-    zones = zones or {"living": running("living")}
-    app = create_app(SITE, zones, CollectorRegistry(), backend=Backend(streams=streams), http=http)
+    zone = zone or running("living")
+    app = create_app(SITE, {"living": zone}, CollectorRegistry(), backend=Backend(streams=streams), http=http)
     async with serving(app, http) as server:
-        site = Site(server, streams, zones["living"], app)
+        site = Site(server, streams, zone, app)
         yield site
         streams.end()
     for client in site.clients:
@@ -105,9 +107,9 @@ async def test_what_stands_comes_at_once_and_then_what_is_issued():
     async with opened() as server:
         client = await server.connect(headers="Accept-Encoding: gzip\r\n")
         first = await client.events(5)
-        assert [kind for kind, _, _ in first] == ["forecast", "volatility", "gate", "trust", "status"]
+        assert [kind for kind, _, _ in first] == STANDING
         assert {id for _, id, _ in first} == {stamp(2)}
-        update = server.announce(3)
+        update = await server.announce(3)
         *_, forecast, volatility, gate, status = await client.events(9)
         kinds = (ForecastPayload, VolatilityPayload, GatePayload)
         for (_, id, data), kind in zip((forecast, volatility, gate), kinds, strict=True):
@@ -122,7 +124,7 @@ async def test_what_stands_comes_at_once_and_then_what_is_issued():
 
 
 async def test_a_zone_without_a_sample_tells_its_state():
-    async with opened(zones={"living": waiting("living")}) as server:
+    async with opened(zone=waiting("living")) as server:
         client = await server.connect()
         ((kind, id, data),) = await client.events(1)
         assert (kind, id, data["state"]) == ("status", None, "waiting")
@@ -131,26 +133,21 @@ async def test_a_zone_without_a_sample_tells_its_state():
         assert (await client.events(2))[1][2]["reason"] == "another one"
 
 
-@pytest.mark.parametrize(
-    ("last", "rows"), [(stamp(0), [stamp(1), stamp(2)]), (stamp(2), []), ("nonsense", []), (stamp(0)[:-1], [])]
-)
-async def test_a_client_that_comes_back_is_given_the_rows_it_missed(last, rows):
+async def test_a_client_that_comes_back_is_given_the_rows_it_missed():
     async with opened() as server:
-        client = await server.connect(headers=f"Last-Event-ID: {last}\r\n")
-        events = await client.events(6 if rows else 5)
-        history = [data for kind, _, data in events if kind == "history"]
-        assert [row["time"] for data in history for row in data["rows"]] == rows
-        assert [kind for kind, _, _ in events][-5:] == ["forecast", "volatility", "gate", "trust", "status"]
+        for last, rows in ((stamp(0), [stamp(1), stamp(2)]), (stamp(2), []), ("nonsense", []), (stamp(0)[:-1], [])):
+            client = await server.connect(headers=f"Last-Event-ID: {last}\r\n")
+            events = await client.events(6 if rows else 5)
+            history = [data for kind, _, data in events if kind == "history"]
+            assert [row["time"] for data in history for row in data["rows"]] == rows
+            assert [kind for kind, _, _ in events][-5:] == STANDING
 
 
 async def test_a_silent_zone_sends_comments(monkeypatch):
     monkeypatch.setattr(service.publish.events, "KEEP_ALIVE", 0.02)
     async with opened() as server:
         client = await server.connect()
-        await client.events(5)
-        async with asyncio.timeout(PATIENCE):
-            while client.text.count(": ping") < 3:
-                client.text += (await client.reader.read(1000)).decode()
+        await client.until(lambda: client.text.count(": ping") >= 3)
         assert len(client.parsed()) == 5
 
 
@@ -170,37 +167,36 @@ async def test_two_hundred_streams_all_hear_every_sample_and_none_is_left_over()
     async with opened({"streams_per_client": 200, "streams": 200}) as server:
         clients = await asyncio.gather(*(server.connect() for _ in range(200)))
         await asyncio.gather(*(client.events(5) for client in clients))
-        assert server.app.state.limiter.open("streams") == 200
+        assert server.open == 200
         for step in (3, 4, 5):
-            server.announce(step)
+            await server.announce(step)
             heard = await asyncio.gather(*(client.events(4 * (step - 1)) for client in clients))
             assert {events[-1][1] for events in heard} == {stamp(step)}
         for client in clients:
             client.writer.close()
-        await until(lambda: server.app.state.limiter.open("streams") == 0)
+        await until(lambda: server.open == 0)
         assert not server.streams._open
 
 
-def held(server):
-    """Bytes that wait in the server for clients, whatever the kernel has taken."""
-    return sum(len(data) for streams in server.streams._open.values() for s in streams for data in s._pending.values())
-
-
-async def test_a_client_that_never_reads_holds_four_events_and_is_cut_off():
-    async with opened({"send_timeout": 1.0}) as server:
-        stuck, well = await server.connect(receive_buffer=2048), await server.connect()
-        await well.heard(stamp(2))
-        step = 3
-        # Until the buffers between the two are full; from then on nothing but the newest is kept for it.
-        async with asyncio.timeout(PATIENCE):
+async def test_a_client_that_never_reads_holds_four_events_and_is_cut_off_or_left_at_a_stop():
+    for cut_off in (True, False):
+        async with opened({"send_timeout": 1.0} if cut_off else {}) as server:
+            stuck, well = await server.connect(deaf=True), await server.connect()
+            await well.heard(stamp(2))
+            step = 2
+            # Until the buffers between the two are full; from then on nothing but the newest is kept for it.
             while server.streams.overtaken < 40:
-                server.announce(step)
-                assert (await well.heard(stamp(step))).count("event: ") == 4, "the others miss nothing"
                 step += 1
-        assert server.app.state.limiter.open("streams") == 2
-        assert held(server) < 10_000
-        await until(lambda: server.app.state.limiter.open("streams") == 1)
-        assert not stuck.writer.is_closing(), "it was not the client who left"
+                await server.announce(step)
+                assert await well.heard(stamp(step)) == 4, "the others miss nothing"
+            assert server.open == 2
+            waiting = [stream._pending for stream in server.streams._open["living"]]
+            assert sum(len(data) for pending in waiting for data in pending.values()) < 10_000
+            if cut_off:
+                await until(lambda: server.open == 1)
+                assert not stuck.writer.is_closing(), "it was not the client who left"
+        assert well.rest.endswith(b"0\r\n\r\n"), "the answer was completed"
+        assert not stuck.rest.endswith(b"0\r\n\r\n")
 
 
 async def test_a_client_that_comes_later_hears_the_hours_ahead_at_once():
@@ -211,19 +207,3 @@ async def test_a_client_that_comes_later_hears_the_hours_ahead_at_once():
         first = {kind: data for kind, _, data in await client.events(6)}
         assert first["ahead"] == json.loads(heard.told[0].payload("ahead"))
         assert server.streams.overtaken == 0
-
-
-async def test_a_stop_does_not_wait_for_streams_read_or_not():
-    async with opened() as server:
-        stuck, well = await server.connect(receive_buffer=2048), await server.connect()
-        step = 3
-        while server.streams.overtaken < 8:
-            server.announce(step)
-            await well.heard(stamp(step))
-            step += 1
-    assert well.rest.endswith(b"0\r\n\r\n"), "the answer was completed"
-    assert not stuck.rest.endswith(b"0\r\n\r\n")
-    late = service.publish.events.Streams()
-    late.end()
-    with late.opened("living") as stream:
-        assert [data async for data in stream.read()][1:] == []
