@@ -19,7 +19,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from support.browser import browser, eventually
+from support.browser import browser, drag, eventually
 from support.harness import ROOT
 from support.processes import Program
 
@@ -77,12 +77,7 @@ def _drawn(page: Any, room: bool) -> None:
         eventually(page, "document.querySelectorAll('.js-plotly-plot .scatterlayer').length >= 2")
         eventually(page, "document.querySelector('.sentences li') !== null")
         # Half of the power from the second to the third quarter of the plan, drawn by hand.
-        page.locator(".plan").scroll_into_view_if_needed()
-        box = page.locator(".plan").bounding_box()
-        page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 0.5 * box["height"])
-        page.mouse.down()
-        page.mouse.move(box["x"] + 0.75 * box["width"], box["y"] + 0.5 * box["height"], steps=20)
-        page.mouse.up()
+        drag(page, ".plan", (0.25, 0.5), (0.75, 0.5))
         eventually(page, "document.querySelectorAll('.plot.fan .scatterlayer .trace').length === 5")
         page.evaluate("window.scrollTo(0, 0)")
     else:

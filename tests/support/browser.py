@@ -36,6 +36,17 @@ def eventually(page: Any, condition: str, argument: object = None) -> None:
         page.wait_for_timeout(20)
 
 
+def drag(page: Any, selector: str, begin: tuple[float, float], end: tuple[float, float]) -> None:
+    """Move the mouse with its button down from one place of an element to another, as shares of its width and height."""
+    page.locator(selector).scroll_into_view_if_needed()
+    box = page.locator(selector).bounding_box()
+    places = [(box["x"] + x * box["width"], box["y"] + y * box["height"]) for x, y in (begin, end)]
+    page.mouse.move(*places[0])
+    page.mouse.down()
+    page.mouse.move(*places[1], steps=20)
+    page.mouse.up()
+
+
 def axe_finds(page: Any) -> list[str]:
     """What axe finds, the least of it included."""
     from axe_playwright_python.sync_playwright import Axe
