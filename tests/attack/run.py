@@ -73,17 +73,14 @@ def gave_way(name: str, victim: Victim, attack: Callable[[Target], str]) -> bool
         print(f"{name:40} GAVE WAY: {error!r}", flush=True)
         return True
     log = victim.daemon.log()
-    bad = [
-        what
-        for what, is_bad in (
-            ("health", "sixty" in name and cost.p99 > HEALTH_SECONDS),
-            (f"loop held > {HOLD_SECONDS} s", cost.holds > 0),
-            ("memory", cost.memory > MEMORY_MB),
-            ("intervals", cost.lost > 0),
-            ("traceback", "Traceback" in log),
-        )
-        if is_bad
-    ]
+    given_way = {
+        "health": "sixty" in name and cost.p99 > HEALTH_SECONDS,
+        f"loop held > {HOLD_SECONDS} s": cost.holds > 0,
+        "memory": cost.memory > MEMORY_MB,
+        "intervals": cost.lost > 0,
+        "traceback": "Traceback" in log,
+    }
+    bad = [what for what, is_bad in given_way.items() if is_bad]
     figures = f"{cost.seconds:5.1f} {cost.waited:6.1f} {1000 * cost.p99:7.0f} {1000 * cost.longest:7.0f} "
     figures += f"{cost.refused:3} {cost.holds:5} {cost.memory:6.0f} {cost.lost:4}"
     if "traceback" in bad:

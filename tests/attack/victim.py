@@ -8,7 +8,6 @@ import re
 import socket
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import NamedTuple
@@ -30,8 +29,7 @@ class Answer(NamedTuple):
     body: bytes
 
 
-@dataclass
-class Target:
+class Target(NamedTuple):
     """Where the daemon listens; what attackers in processes of their own need to know."""
 
     port: int
@@ -76,37 +74,24 @@ def _head(lines: list[str], headers: Mapping[str, str], key: str | None) -> byte
     return "".join(f"{line}\r\n" for line in [*lines, ""]).encode()
 
 
-@dataclass
-class Cost:
+class Cost(NamedTuple):
     """What an attack cost the daemon."""
 
-    seconds: float = 0.0
-    latencies: list[float] = field(default_factory=list)
-    """Of /healthz, s; infinite where it was refused."""
-    holds: int = 0
-    """How often the loop was late by more than HOLD_SECONDS."""
-    memory: float = 0.0
-    """Peak beyond rest, MB."""
-    lost: int = 0
-    """Live intervals without a reading."""
-    waited: float = 0.0
+    seconds: float
+    waited: float
     """How long the thread of the event loop was ready to run and got no processor, s."""
-
-    @property
-    def refused(self) -> int:
-        """How often /healthz was."""
-        return sum(map(math.isinf, self.latencies))
-
-    @property
-    def longest(self) -> float:
-        """Of the answers of /healthz, s."""
-        return max((one for one in self.latencies if not math.isinf(one)), default=math.nan)
-
-    @property
-    def p99(self) -> float:
-        """Of /healthz, s."""
-        ordered = sorted(self.latencies)
-        return ordered[int(0.99 * (len(ordered) - 1))] if ordered else float("nan")
+    p99: float
+    """Of the answers of /healthz, s; infinite where more than one in a hundred was refused."""
+    longest: float
+    """Of the answers of /healthz, s."""
+    refused: int
+    """How often /healthz was."""
+    holds: int
+    """How often the loop was late by more than HOLD_SECONDS."""
+    memory: float
+    """Peak beyond rest, MB."""
+    lost: int
+    """Live intervals without a reading."""
 
 
 def _watch(target: Target, stop: Connection) -> None:
@@ -147,9 +132,12 @@ class Victim:
             latencies = mine.recv()
             watch.join()
         waited = self._waited() - waited
-        cost = Cost(seconds, latencies, self._holds() - holds, self._memory("VmHWM") - self.rest, waited=waited)
-        cost.lost = self._lost(wall, wall + seconds)
-        return note, cost
+        latencies.sort()
+        answered = [one for one in latencies if not math.isinf(one)]
+        p99 = latencies[int(0.99 * (len(latencies) - 1))] if latencies else math.nan
+        times = p99, max(answered, default=math.nan), len(latencies) - len(answered)
+        found = self._holds() - holds, self._memory("VmHWM") - self.rest, self._lost(wall, wall + seconds)
+        return note, Cost(seconds, waited, *times, *found)
 
     def _waited(self) -> float:
         # The kernel counts the time on a processor, that in the queue for one, and the turns.
