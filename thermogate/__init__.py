@@ -41,12 +41,8 @@ __all__ = [
 __version__ = version("thermogate")
 
 _LATER = {
-    "Model": "thermogate.fitting",
-    "fit": "thermogate.fitting",
-    "load": "thermogate.fitting",
-    "Backtest": "thermogate.backtesting",
-    "backtest": "thermogate.backtesting",
-    "compare": "thermogate.backtesting",
+    **dict.fromkeys(("Model", "fit", "load"), "thermogate.fitting"),
+    **dict.fromkeys(("Backtest", "backtest", "compare"), "thermogate.backtesting"),
 }
 """The module of each name that needs the estimator."""
 
@@ -56,9 +52,8 @@ def __getattr__(name: str) -> Any:
     if name not in _LATER:
         raise AttributeError(f"module 'thermogate' has no attribute '{name}'")
     prepare_process(shared=True)
-    module = import_module(_LATER[name])
-    globals().update({later: getattr(module, later) for later in _LATER if _LATER[later] == _LATER[name]})
-    return globals()[name]
+    found = globals()[name] = getattr(import_module(_LATER[name]), name)
+    return found
 
 
 def __dir__() -> list[str]:

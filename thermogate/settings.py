@@ -8,18 +8,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from zoneinfo import available_timezones
 
-from adapters.channel import ChannelConfig
-from adapters.csv.config import CsvChannelConfig
 from adapters.fields.problems import Problems
 from adapters.fields.words import shown, suggestion
 from estimator.network.network import Network
 from estimator.network.presets import AUTO, automatic
-from service.config.checks import ZoneDraft, check_zone
+from service.config.checks import check_zone
 from service.config.known_heat import heated
-from service.config.load import completed
-from service.config.network_tables import PresetConfig
+from service.config.load import completed, read_zone
 from service.config.networks import read_network
-from service.config.site import SiteConfig, Whereabouts, ZoneConfig, ZoneTable
+from service.config.site import SiteConfig, Whereabouts, ZoneConfig
 from service.errors import ConfigError
 from service.records.outlook import SET_POINTS
 from service.zone.alignment import SETPOINT, unit_of
@@ -123,24 +120,18 @@ def settings_of(network: Network, columns: Mapping[str, Any], tz: str, given: Ma
     place_table = {name: given[name] for name in PLACE if name in given}
     site = problems.read(SiteConfig, {"id": ZONE, "time_zone": _named(tz), **place_table}, (), {"folder": Path()})
     whereabouts = Whereabouts() if site is None else site.whereabouts
-    own = {name: value for name, value in given.items() if name not in PLACE}
-    channels: dict[str, ChannelConfig] = {}
-    for name, written in tables.items():
-        place = ("channels", name)
-        channel = problems.read(CsvChannelConfig, {**written, "source": ZONE}, place, {})
-        if channel is not None:
-            channels[name] = channel
-    setpoint = channels.pop(SET_POINTS, None) if SET_POINTS not in network.channels else None
+    described = {name: value for name, value in given.items() if name not in PLACE}
+    channels = {name: {**written, "source": ZONE} for name, written in tables.items()}
+    if SET_POINTS in channels and SET_POINTS not in network.channels:
+        described[SETPOINT] = channels.pop(SET_POINTS)
     # The network is checked; a preset stands for it where the table asks for one.
-    described = {**own, "id": ZONE, "network": PresetConfig(preset="tite"), "channels": channels, "setpoint": setpoint}
-    zone = problems.read(ZoneTable, described, (), {"site": ZONE})
-    if zone is not None:
-        network = heated(network, zone, whereabouts, (), problems)
-    names = tuple(name for name in tables if name in network.channels)
-    options = check_zone(ZoneDraft((), zone, network, names, channels, setpoint), {}, problems)
-    if problems.sentences or zone is None:
+    described |= {"id": ZONE, "network": "tite", "channels": channels}
+    draft = read_zone(described, (), {ZONE: ("csv", None)}, problems, {"site": ZONE, "folder": Path()})
+    draft.network = network if draft.table is None else heated(network, draft.table, whereabouts, (), problems)
+    options = check_zone(draft, {}, problems)
+    if problems.sentences or draft.table is None:
         raise ConfigError([_as_columns(sentence) for sentence in problems.sentences])
-    return Settings(completed(zone, network, options, whereabouts), tz, {**given, "columns": tables})
+    return Settings(completed(draft.table, draft.network, options, whereabouts), tz, {**given, "columns": tables})
 
 
 def _named(tz: str) -> str | None:

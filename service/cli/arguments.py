@@ -17,7 +17,6 @@ from adapters.fields.words import suggestion
 from service.errors import ConfigError
 
 if TYPE_CHECKING:
-    from adapters.channel import SourceConfig
     from service.config.site import Config
 
 Value = TypeVar("Value")
@@ -37,14 +36,6 @@ def load_config(arguments: argparse.Namespace, path: Path | None = None) -> Conf
     from service.config.load import load
 
     return load(path or arguments.config, arguments.overrides)
-
-
-def load_source_tables(arguments: argparse.Namespace) -> dict[str, SourceConfig]:
-    """The tables of the sources in the configuration that the command was given, which needs no zones for that. Raises
-    ConfigError."""
-    from service.config.load import load_sources
-
-    return load_sources(arguments.config, arguments.overrides)
 
 
 def require_zones(config: Config, wanted: Sequence[str], option: str) -> None:

@@ -50,11 +50,7 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Config:
     each.
     """
     raw = apply_overrides(_parsed(path), overrides)
-    problems = Problems(raw)
-    config = _read(raw, path.resolve().parent, problems)
-    if config is None or problems.sentences:
-        raise ConfigError(problems.sentences)
-    return config
+    return _read(raw, path.resolve().parent, Problems(raw))
 
 
 def load_history(path: Path, history: Path, overrides: Sequence[str] = ()) -> Config:
@@ -80,10 +76,8 @@ def load_history(path: Path, history: Path, overrides: Sequence[str] = ()) -> Co
     # Relative paths are those of the folder of their own file.
     site = dict(plant.get("site", {}))
     site["state_dir"] = str(path.resolve().parent / site.get("state_dir", "var/thermogate"))
-    config = _read({"site": site, "sources": told.get("sources"), "zones": zones}, history.resolve().parent, problems)
-    if config is None or problems.sentences:
-        raise ConfigError(problems.sentences)
-    return config
+    raw = {"site": site, "sources": told.get("sources"), "zones": zones}
+    return _read(raw, history.resolve().parent, problems)
 
 
 _OF_HISTORY = ("sources", "zones")
@@ -192,7 +186,9 @@ def _syntax(message: str) -> str:
     return f"{where}: this is not TOML: {what}"
 
 
-def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | None:
+def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config:
+    """The configuration that the tables `raw` describe; ConfigError with what is noted in `problems`, and what is wrong
+    beside."""
     for key in raw:
         if key not in TABLES:
             problems.add((key,), unknown_key(key, TABLES))
@@ -215,7 +211,7 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
     raw_zones = _raw_zones(raw, problems)
     sources = {name: _read_source(name, table, problems, context) for name, table in raw_sources.items()}
     known = {name: (_kind(table), sources[name]) for name, table in raw_sources.items()}
-    drafts = [_read_zone(table, ("zones", index), known, problems, context) for index, table in enumerate(raw_zones)]
+    drafts = [read_zone(table, ("zones", index), known, problems, context) for index, table in enumerate(raw_zones)]
     check_ids(raw_zones, problems)
     whereabouts = Whereabouts() if site is None else site.whereabouts
     for draft in drafts:
@@ -229,7 +225,7 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
     check_sources(readable, drafts, problems)
     check_polled(readable, drafts, problems)
     if problems.sentences or site is None or log is None or http is None:
-        return None
+        raise ConfigError(problems.sentences)
     zones = tuple(
         completed(draft.table, draft.network, resolved, whereabouts)
         for draft, resolved in zip(drafts, options, strict=True)
@@ -246,7 +242,8 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         warnings=tuple(problems.warnings),
         fleet=fleet,
     )
-    problems.sentences += [problem for name in config.weather for problem in config.build_weather(name).check()]
+    if wrong := [problem for name in config.weather for problem in config.build_weather(name).check()]:
+        raise ConfigError(wrong)
     return config
 
 
@@ -317,7 +314,7 @@ def _of_its_kind(
     return None
 
 
-_Known = Mapping[str, tuple[str | None, SourceConfig | None]]
+Known = Mapping[str, tuple[str | None, SourceConfig | None]]
 """The sources by name: kind and table, each None if it could not be read."""
 
 
@@ -328,7 +325,7 @@ def _kind(table: Any) -> str | None:
 
 
 def _read_channel(
-    table: Any, place: Place, sources: _Known, problems: Problems, context: Mapping[str, Any]
+    table: Any, place: Place, sources: Known, problems: Problems, context: Mapping[str, Any]
 ) -> ChannelConfig | None:
     """The channel in `table`, with what it takes over from its source, read by the kind of that source."""
     name = table.get("source") if isinstance(table, dict) else None
@@ -343,7 +340,7 @@ def _read_channel(
         return None
 
 
-def _read_zone(table: Any, place: Place, sources: _Known, problems: Problems, context: Mapping[str, Any]) -> ZoneDraft:
+def read_zone(table: Any, place: Place, sources: Known, problems: Problems, context: Mapping[str, Any]) -> ZoneDraft:
     """Read a zone part by part, so that a mistake in one part does not hide those in another."""
     if not isinstance(table, dict):
         problems.add(place, f"must be a [[zones]] table, not {shown(table)}")

@@ -50,33 +50,32 @@ class BoundsConfig(BaseModel):
         """Whether it says enough to stand alone, without a preset behind it."""
         return self.value is not None or (self.lower is not None and self.upper is not None)
 
+    def required(self) -> Self:
+        """The table itself; ValueError if it is not `complete`."""
+        if not self.complete:
+            raise ValueError("needs lower and upper (it is learned between them) or value (it is fixed)")
+        return self
 
-def _require_complete(table: BoundsConfig) -> None:
-    if not table.complete:
-        raise ValueError("needs lower and upper (it is learned between them) or value (it is fixed)")
+
+class CompleteConfig(BoundsConfig):
+    """The same without a preset behind it."""
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        return self.required()
 
 
-class CapacitanceConfig(BoundsConfig):
+class CapacitanceConfig(CompleteConfig):
     """The capacitance of an inline network's node, J/K."""
 
     name: Name | None = Field(default=None, description="parameter, J/K; none: `C_` and the node without `T_`")
 
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        _require_complete(self)
-        return self
 
-
-class ConductanceConfig(BoundsConfig):
+class ConductanceConfig(CompleteConfig):
     """A conductance of an inline network, W/K."""
 
     name: Name = Field(description='its name, such as "g_air_wall"')
     between: tuple[Name, Name] = Field(description='the two nodes that it connects, such as ["T_air", "T_wall"]')
-
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        _require_complete(self)
-        return self
 
 
 class GainConfig(BoundsConfig):
@@ -95,7 +94,7 @@ class GainConfig(BoundsConfig):
                 'or { rest_of = "f_air" } for what that gain leaves of 1'
             )
         if self.name is not None:
-            _require_complete(self)
+            self.required()
         elif self.unit is not None or self.complete or self.model_fields_set & {"lower", "upper", "nominal", "typical"}:
             raise ValueError("has bounds, a value or a unit but no name; give it a name, such as A_w")
         return self

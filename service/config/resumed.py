@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from adapters.fields.problems import Problems
@@ -19,14 +19,12 @@ def resumed(zones: tuple[ZoneConfig, ...], state_dir: Path) -> tuple[ZoneConfig,
     """`zones`, those that leave it open as they were when their state in `state_dir` was written."""
     former = {zone.id: found for zone in zones if (found := _former(zone))}
     stored = stored_fingerprints(state_dir) if former else {}
-    return tuple(_going_on(zone, former.get(zone.id, []), stored.get(zone.id)) for zone in zones)
-
-
-def _going_on(zone: ZoneConfig, former: Sequence[ZoneConfig], stored: str | None) -> ZoneConfig:
-    """The one of `zone` and what it was formerly to which the `stored` state belongs."""
-    if stored is None or fingerprint(zone) == stored:
-        return zone
-    return next((as_before for as_before in former if fingerprint(as_before) == stored), zone)
+    found = []
+    for zone in zones:
+        mark = stored.get(zone.id)
+        known = () if mark is None else (zone, *former.get(zone.id, ()))
+        found.append(next((one for one in known if fingerprint(one) == mark), zone))
+    return tuple(found)
 
 
 def _former(zone: ZoneConfig) -> list[ZoneConfig]:

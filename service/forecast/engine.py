@@ -74,7 +74,10 @@ class FanQuestion(NamedTuple):
         found = _summaries(worker, standing, futures, self, given_up)
         obeys = obedient(worker.network, standing, self.planned) if lawful is not None else ()
         paths = _paths(worker, standing, rows, self.scenarios, lawful if obeys else None, futures)
-        origins = tuple(_by_thermostat(one) if one.channel in obeys else one for one in outlook.origins)
+        origins = tuple(
+            replace(one, origin="thermostat", age=float("nan"), quality=Quality.GOOD) if one.channel in obeys else one
+            for one in outlook.origins
+        )
         return Fan(standing.update, self.levels, _columns(worker, found, len(self.levels), paths), origins)
 
 
@@ -154,10 +157,6 @@ def _inputs(worker: ZoneWorker, standing: Standing, weather: Weather, asked: Fan
 
 def _grid(worker: ZoneWorker, standing: Standing, asked: FanQuestion) -> Grid:
     return Grid(standing.update.forecast.valid_time, worker.period, asked.steps)
-
-
-def _by_thermostat(one: InputOrigin) -> InputOrigin:
-    return replace(one, origin="thermostat", age=float("nan"), quality=Quality.GOOD)
 
 
 def _row(worker: ZoneWorker, standing: Standing, step: int, inputs: Array) -> Array:

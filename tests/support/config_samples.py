@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -14,45 +16,14 @@ from service.store.journal import Journal
 from service.store.store import JOURNAL
 
 SUN = {"source": "log", "column": "Sun", "unit": "W/m2"}
-HEADER = "Timestamp,Living,Bedroom,Outside,Power1,Power2,Sun"
+CASES = Path(__file__).parents[1] / "service" / "config" / "cases"
+HEADER = (CASES / "log.csv").read_text(encoding="utf-8").splitlines()[0]
 
 
 def sound(folder: Path) -> dict[str, Any]:
     """Tables of a configuration that passes, with its recording in `folder`."""
-    (folder / "log.csv").write_text(f"{HEADER}\n2025-05-03 00:00:00,20.5,19.5,10.0,0.4,0.2,0\n", encoding="utf-8")
-    return {
-        "site": {"id": "house"},
-        "sources": {
-            "log": {
-                "kind": "csv",
-                "files": ["log.csv"],
-                "timestamp": {"column": "Timestamp", "format": "iso8601", "zone": "Europe/Berlin"},
-            }
-        },
-        "zones": [
-            {
-                "id": "living",
-                "period": "5min",
-                "network": "tite",
-                "channels": {
-                    "T_i": {"source": "log", "column": "Living", "unit": "degC"},
-                    "T_out": {"source": "log", "column": "Outside", "unit": "degC"},
-                    "u_heat": {"source": "log", "columns": ["Power1", "Power2"], "unit": "kW"},
-                },
-            },
-            {
-                "id": "bedroom",
-                "period": "10min",
-                "network": {"preset": "titeth", "solar": True},
-                "channels": {
-                    "T_i": {"source": "log", "column": "Bedroom", "unit": "degC"},
-                    "T_out": {"source": "log", "column": "Outside", "unit": "degC"},
-                    "u_heat": {"source": "log", "column": "Power1", "unit": "kW"},
-                    "I_sol": {"source": "log", "column": "Sun", "unit": "W/m2"},
-                },
-            },
-        ],
-    }
+    shutil.copy(CASES / "log.csv", folder)
+    return tomllib.loads((CASES / "house.toml").read_text(encoding="utf-8"))
 
 
 def write(folder: Path, tables: dict[str, Any]) -> Path:

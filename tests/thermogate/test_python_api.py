@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from dateutil.tz import tzoffset
+from support.golden_site import TWO_SENSORS
 from support.harness import ROOT
 
 import thermogate as tg
@@ -434,18 +435,7 @@ def test_the_weights_of_a_bank() -> None:
 
 
 def test_a_room_with_two_thermometers_has_pairs_as_columns() -> None:
-    network = {
-        "name": "two",
-        "measured": ["T_i", "T_e"],
-        "boundaries": ["T_out"],
-        "capacitances": {"T_i": {"lower": 1e5, "upper": 1e8}, "T_e": {"lower": 1e6, "upper": 1e9}},
-        "conductances": [
-            {"name": "g_ie", "between": ["T_i", "T_e"], "lower": 10, "upper": 1e4},
-            {"name": "g_eo", "between": ["T_e", "T_out"], "lower": 5, "upper": 5e3},
-        ],
-        "heat_inputs": [{"channel": "u_heat", "node": "T_i", "unit": "W"}],
-    }
-    model = tg.fit(room().assign(T_e=lambda table: table["T_i"] - 2.0), network, **FEW)
+    model = tg.fit(room().assign(T_e=lambda table: table["T_i"] - 2.0), TWO_SENSORS, **FEW)
     assert ("T_e", "lower_0.95") in model.forecast(horizon="1h").columns
     assert model.predictions["T_e"]["residual"].abs().max() < 5.0
     assert model.predictions["T_i"].columns.tolist()[0] == "y"

@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from adapters.fields.numbers import read_number
-from service.cli.arguments import AddCommand, load_config, load_source_tables, require, take_config, whole_range
+from service.cli.arguments import AddCommand, load_config, require, take_config, whole_range
 
 if TYPE_CHECKING:
     from adapters.reading import Probe, Source
@@ -75,6 +75,7 @@ def _tables(text: str) -> tuple[str, ...]:
 
 def _probe(arguments: argparse.Namespace) -> int:
     from adapters.scanning import Scan
+    from service.config.load import load_sources
     from service.errors import ConfigError
 
     if not arguments.scan:
@@ -82,7 +83,8 @@ def _probe(arguments: argparse.Namespace) -> int:
             if getattr(arguments, option) is not None:
                 raise ConfigError([f"--{option} says what to scan; give --scan too"])
     config = None if arguments.scan else load_config(arguments)
-    tables = load_source_tables(arguments) if config is None else config.sources
+    # A scan comes before there are zones.
+    tables = load_sources(arguments.config, arguments.overrides) if config is None else config.sources
     asked = [] if arguments.source is None else [arguments.source]
     require(asked, tables, "--source", "source")
     described = {name: table.described for name, table in tables.items()}
