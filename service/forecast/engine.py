@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -23,13 +22,13 @@ from estimator.verification.one_step import one_step
 from estimator.verification.summaries import Summary, as_distributed, summary
 from service.errors import ServiceError
 from service.forecast.learned import model_draws
-from service.forecast.plan import Grid, Inputs, column
+from service.forecast.plan import Inputs, column
+from service.forecast.planned import PlannedZone
 from service.forecast.request import Detail
-from service.forecast.setpoints import ahead_of, law_room, obedient, with_law
 from service.records.fan import CompactOutputPayload, Fan
 from service.records.outlook import InputOrigin, Outlook, Weather
 from service.records.update import Update
-from service.zone.worker import Standing, ZoneWorker
+from service.zone.worker import ZoneWorker
 
 GIVEN_UP = "the forecast was given up because the daemon is stopping, or nobody waits for it"
 
@@ -66,14 +65,14 @@ class FanQuestion(NamedTuple):
         standing = worker.unstalled
         if standing is None:
             return None
-        outlook = _inputs(worker, standing, weather, self)
-        ahead = ahead_of(worker, standing, outlook)
-        rows = ahead.rows
-        lawful = with_law(worker, standing, ahead, self.planned, _grid(worker, standing, self))
-        futures = _futures(worker, standing, rows, self) if lawful is None else lawful.outputs
-        found = _summaries(worker, standing, futures, self, given_up)
-        obeys = obedient(worker.network, standing, self.planned) if lawful is not None else ()
-        paths = _paths(worker, standing, rows, self.scenarios, lawful if obeys else None, futures)
+        zone = PlannedZone.of(worker, standing, self.planned, self.steps)
+        outlook = _inputs(zone, weather, self.neighbours)
+        ahead = zone.ahead(outlook)
+        lawful = zone.with_law(ahead)
+        futures = _futures(zone, ahead.rows, self.detail) if lawful is None else lawful.outputs
+        found = _summaries(zone, futures, self, given_up)
+        obeys = () if lawful is None else zone.obedient
+        paths = _paths(zone, ahead.rows, self.scenarios, lawful if obeys else None, futures)
         origins = tuple(
             replace(one, origin="thermostat", age=float("nan"), quality=Quality.GOOD) if one.channel in obeys else one
             for one in outlook.origins
@@ -99,13 +98,13 @@ class PartQuestion(NamedTuple):
         standing = worker.unstalled
         if standing is None:
             return None
-        outlook = _inputs(worker, standing, weather, self.fan)
+        zone = PlannedZone.of(worker, standing, self.fan.planned, self.fan.steps)
+        outlook = _inputs(zone, weather, self.fan.neighbours)
         draws = worker.estimator.draws(standing.state, ROOM_DRAWS)
         if draws is not None:
-            driving, grid = partial(_row, worker, standing), _grid(worker, standing, self.fan)
-            lawful = law_room(worker, standing, draws, self.fan.planned, grid, driving)
-            return Part(standing.update, outlook, lawful or Simulation(of_draws(draws, worker.period, 1), driving))
-        futures = _futures(worker, standing, ahead_of(worker, standing, outlook).rows, self.fan)
+            room = zone.law_room(draws) or Simulation(of_draws(draws, worker.period, 1), zone.driving)
+            return Part(standing.update, outlook, room)
+        futures = _futures(zone, zone.ahead(outlook).rows, self.fan.detail)
         path = np.einsum("ln,lyn->ly", futures.weights, futures.means) / futures.weights.sum(axis=1, keepdims=True)
         return Part(standing.update, outlook, FixedRoom(path))
 
@@ -131,23 +130,22 @@ class FixedRoom:
         return FixedRoom(self._path)
 
 
-def _inputs(worker: ZoneWorker, standing: Standing, weather: Weather, asked: FanQuestion) -> Outlook:
+def _inputs(zone: PlannedZone, weather: Weather, neighbours: Mapping[str, Neighbour]) -> Outlook:
     """The inputs of the steps: as planned, otherwise those of the neighbours, otherwise as foreseen."""
-    forecast, network = standing.update.forecast, worker.network
-    foreseen = worker.foresight.outlook(forecast, standing.day, asked.steps, weather)
+    standing, planned, grid = zone.standing, zone.planned, zone.grid
+    foreseen = zone.worker.foresight.outlook(standing.update.forecast, standing.day, grid.steps, weather)
     rows, origins = foreseen.rows.copy(), list(foreseen.origins)
-    grid = _grid(worker, standing, asked)
-    for place, channel in enumerate(network.inputs):
-        if channel in asked.planned:
-            values = column(asked.planned[channel], grid)
+    for place, channel in enumerate(zone.network.inputs):
+        if channel in planned:
+            values = column(planned[channel], grid)
             known = ~np.isnan(values)
             rows[known, place] = values[known]
             quality = Quality.GOOD if known.all() else Quality.UNCERTAIN
             origins[place] = InputOrigin(channel, "plan", "", float("nan"), quality)
-        elif channel in asked.neighbours:
-            start, values, origin = asked.neighbours[channel]
+        elif channel in neighbours:
+            start, values, origin = neighbours[channel]
             # A sample may have come since the rooms were simulated together, or this room is behind the others.
-            index = np.arange(asked.steps) + round((grid.start - start) / grid.period)
+            index = np.arange(grid.steps) + round((grid.start - start) / grid.period)
             known = index >= 0
             if known.any():
                 rows[known, place] = values[np.minimum(index[known], len(values) - 1)]
@@ -155,33 +153,20 @@ def _inputs(worker: ZoneWorker, standing: Standing, weather: Weather, asked: Fan
     return Outlook(rows, tuple(origins))
 
 
-def _grid(worker: ZoneWorker, standing: Standing, asked: FanQuestion) -> Grid:
-    return Grid(standing.update.forecast.valid_time, worker.period, asked.steps)
-
-
-def _row(worker: ZoneWorker, standing: Standing, step: int, inputs: Array) -> Array:
-    """What drives the estimator at one step from the valid time on, under inputs (n_u,)."""
-    time = float(standing.update.forecast.valid_time + step * worker.period)
-    row: Array = worker.loop.driving(np.array([time]), inputs[None])[0]
-    return row
-
-
-def _futures(worker: ZoneWorker, standing: Standing, rows: Array, asked: FanQuestion) -> Mixtures:
+def _futures(zone: PlannedZone, rows: Array, fine: Detail) -> Mixtures:
     """What the zone will do under `rows` (h, n_u): the only place that asks an estimator for futures."""
-    estimator, network, state = worker.estimator, worker.network, standing.state
-    if any(channel in asked.planned and network.channel_unit(channel) == "W" for channel in network.heat_channels):
+    estimator, network, state = zone.worker.estimator, zone.network, zone.standing.state
+    if any(channel in zone.planned and network.channel_unit(channel) == "W" for channel in network.heat_channels):
         state = answering_plan(estimator, state)
-    return estimator.unfold(estimator.issue(state, min(asked.detail.draws, estimator.forecast_draws)), rows)
+    return estimator.unfold(estimator.issue(state, min(fine.draws, estimator.forecast_draws)), rows)
 
 
-def _summaries(
-    worker: ZoneWorker, standing: Standing, futures: Mixtures, asked: FanQuestion, given_up: Callable[[], bool]
-) -> Summary:
+def _summaries(zone: PlannedZone, futures: Mixtures, asked: FanQuestion, given_up: Callable[[], bool]) -> Summary:
     """Moments, and the median and bounds of every output at every step."""
-    estimator, levels = worker.estimator, asked.levels
+    estimator, levels = zone.worker.estimator, asked.levels
     tails = np.array([0.5, *(0.5 - level / 2 for level in levels), *(0.5 + level / 2 for level in levels)])
     # The first step is the published forecast, to the last digit.
-    now = one_step(estimator, estimator.predictive(standing.state), levels)
+    now = one_step(estimator, estimator.predictive(zone.standing.state), levels)
     quantiles = np.hstack([now.median[:, None], now.lower, now.upper])
     found = [Summary(now.mean[None], now.sd[None], quantiles[None])]
     for first in range(1, len(futures.means), _AT_ONCE):
@@ -206,11 +191,10 @@ def _columns(worker: ZoneWorker, found: Summary, count: int, paths: Array) -> tu
     )
 
 
-def _paths(
-    worker: ZoneWorker, standing: Standing, rows: Array, count: int, lawful: LiveFan | None, futures: Mixtures
-) -> Array:
+def _paths(zone: PlannedZone, rows: Array, count: int, lawful: LiveFan | None, futures: Mixtures) -> Array:
     """(count, h + 1, n_y): sampled futures under `rows` (h, n_u), or of the forecast with the law; `futures` is what
     the zone forecasts."""
+    worker, standing = zone.worker, zone.standing
     if count == 0:
         return np.empty((0, len(rows) + 1, len(worker.network.measured)))
     if lawful is not None:

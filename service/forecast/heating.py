@@ -23,9 +23,9 @@ from estimator.verification.summaries import summary
 from service.errors import NoLaw, PlanError, ServiceError
 from service.forecast.answers import Comparison, Demand, Hour, PlanOutcome, Preheat, Range
 from service.forecast.engine import GIVEN_UP
-from service.forecast.plan import Grid, Inputs, Values, column
+from service.forecast.plan import Grid, Values, column
+from service.forecast.planned import PlannedZone
 from service.forecast.request import MAX_STEPS
-from service.forecast.setpoints import ahead_of, why_no_law, with_law
 from service.records.outlook import SET_POINTS, Weather
 from service.records.trust import LEARNING, UNTRUSTED, Trust
 from service.zone.worker import Standing, ZoneWorker
@@ -161,7 +161,7 @@ class DemandQuestion(NamedTuple):
             return None
         start, period = float(standing.update.forecast.valid_time), worker.period
         futures = _Futures(worker, standing, weather, self.steps, given_up)
-        fan = futures.foreseen() if self.setpoints is None else futures.under(futures.planned(self.setpoints))
+        fan = futures.under(None if self.setpoints is None else futures.planned(self.setpoints))
         hours = ((start + period * np.arange(self.steps)) // _HOUR).astype(np.int64)
         amounts = answers.energy(fan.heat, period, hours - hours[0])
         total = answers.total(amounts)
@@ -251,33 +251,25 @@ class _Futures:
     def __init__(
         self, worker: ZoneWorker, standing: Standing, weather: Weather, steps: int, given_up: Callable[[], bool]
     ) -> None:
-        thermostat = standing.carried.thermostat
+        thermostat, self._zone = standing.carried.thermostat, PlannedZone.of(worker, standing, {}, steps)
         if not worker.loop.live.obeyed(thermostat):
-            raise NoLaw(why_no_law(worker.network, standing))
-        forecast = standing.update.forecast
+            raise NoLaw(self._zone.why_no_law)
         self.setpoint = float(thermostat.setpoint)
         """The set-point now [degC]."""
-        self.grid = Grid(forecast.valid_time, worker.period, steps)
-        self._ahead = ahead_of(worker, standing, worker.foresight.outlook(forecast, standing.day, steps, weather))
-        self._worker, self._standing, self._given_up = worker, standing, given_up
+        self.grid = self._zone.grid
+        outlook = worker.foresight.outlook(standing.update.forecast, standing.day, steps, weather)
+        self._ahead, self._given_up = self._zone.ahead(outlook), given_up
 
     def planned(self, setpoints: Values) -> Array:
         """(h,): set-points [degC]; the present one where none is planned yet."""
         found = column(setpoints, self.grid)
         return np.where(np.isnan(found), self.setpoint, found)
 
-    def under(self, setpoints: Array) -> Fan:
-        """The futures under `setpoints` (h,) [degC]."""
-        return self._told({SET_POINTS: setpoints})
-
-    def foreseen(self) -> Fan:
-        """The futures under the set-points that are foreseen."""
-        return self._told({})
-
-    def _told(self, planned: Inputs) -> Fan:
+    def under(self, setpoints: Array | None) -> Fan:
+        """The futures under `setpoints` (h,) [degC], or (None) those that are foreseen."""
         if self._given_up():
             raise ServiceError(GIVEN_UP)
-        fan = with_law(self._worker, self._standing, self._ahead, planned, self.grid)
+        fan = self._zone._replace(planned={} if setpoints is None else {SET_POINTS: setpoints}).with_law(self._ahead)
         assert fan is not None, "a law is known"
         return fan
 
