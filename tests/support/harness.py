@@ -32,6 +32,15 @@ def thermogate(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
 
 
+def python(code: str, **environment: str | None) -> str:
+    """What a fresh interpreter prints, in which warnings are errors; None takes a variable away."""
+    own = {name: value for name, value in (os.environ | environment).items() if value is not None}
+    command = [sys.executable, "-W", "error", "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, cwd=ROOT, env=own)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
+
+
 def overrides(settings: dict[str, object]) -> list[str]:
     """`--set` options; values in TOML's notation, of which JSON's is a part for what tests use."""
     return [word for key, value in settings.items() for word in ("--set", f"{key}={json.dumps(value)}")]

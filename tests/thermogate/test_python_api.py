@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta, timezone, tzinfo
+from functools import cache
 from pathlib import Path
 from typing import Any
 from zoneinfo import ZoneInfo
@@ -19,7 +17,7 @@ import pandas as pd
 import pytest
 from dateutil.tz import tzoffset
 from support.golden_site import TWO_SENSORS
-from support.harness import ROOT
+from support.harness import python
 
 import thermogate as tg
 from estimator.network import presets
@@ -45,9 +43,15 @@ def room(start: str = "2025-01-10 00:00", samples: int = 60, tz: str | None = "U
     return pd.DataFrame({"T_i": inside + noise, "T_out": outside, "u_heat": heat}, index=index)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def model() -> tg.Model:
-    return tg.fit(room(), "tite", **FEW)
+    return in_utc("2025-01-10 00:00")
+
+
+@cache
+def in_utc(start: str) -> tg.Model:
+    """A model of the room from `start` on."""
+    return tg.fit(room(start), "tite", **FEW)
 
 
 def bits(frame: Any) -> list[bytes]:
@@ -147,10 +151,9 @@ NAMED = [timezone(timedelta(hours=hours), name) for hours, name in ((1.0, "CET")
     ],
 )
 def test_times_mean_the_same_in_every_zone(start: str, zone: Any, tz: Any, shown: str) -> None:
-    table = room(start)
-    local = table.tz_convert(zone)
+    local = room(start).tz_convert(zone)
     found = tg.fit(local.tz_localize(None) if zone == tz else local, "tite", tz=tz, **FEW)
-    assert_same(found, tg.fit(table, "tite", **FEW))
+    assert_same(found, in_utc(start))
     assert {str(found.gate.index.tz), str(found.forecast(horizon="1h").index.tz)} == {shown}
 
 
@@ -571,18 +574,7 @@ def test_it_is_imported_quickly_and_says_how_to_install_pandas(tmp_path: Path) -
         "import numba\nprint(numba.config.CACHE_DIR == os.environ['NUMBA_CACHE_DIR'])\n"
         "try:\n    tg.fitt\nexcept AttributeError as error:\n    print(error)"
     )
-    own = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-        cwd=ROOT,
-        env=own | {"XDG_CACHE_HOME": str(tmp_path)},
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.splitlines() == [
+    assert python(code, XDG_CACHE_HOME=str(tmp_path), NUMBA_CACHE_DIR=None).splitlines() == [
         "False False False True",
         'pandas is not installed; install it with: pip install "thermogate[pandas]"',
         "True",
