@@ -7,7 +7,7 @@ from support.thermostat_house import table
 
 import thermogate as tg
 
-TABLE = table(8).drop(columns="T_set").rename(columns={"T_i": "Room"})
+TABLE = table(6).drop(columns="T_set").rename(columns={"T_i": "Room"})
 COLUMNS = {"T_i": "Room"}
 
 
@@ -47,7 +47,7 @@ def test_a_forecast_one_step_ahead_is_the_one_of_the_model(found):
 
 @pytest.mark.filterwarnings("ignore:the table. T_i varies")
 def test_a_forecast_knows_nothing_of_what_comes_after_it():
-    cut = 5 * 48
+    cut = 4 * 48
     early = tg.backtest(TABLE.iloc[:cut], "tite", columns=COLUMNS, estimator="ekf")
     other = TABLE.assign(Room=TABLE["Room"].where(np.arange(len(TABLE)) < cut, 5.0))
     late = tg.backtest(other, "tite", columns=COLUMNS, estimator="ekf")

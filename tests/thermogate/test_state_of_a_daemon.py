@@ -17,9 +17,9 @@ from service.store.store import CHECKPOINTS, JOURNAL
 from service.zone import snapshot
 
 PERIOD = 1800
-OUTPUTS, INPUTS, SETPOINTS = recorded(5, PERIOD)
-TABLE = table(5)
-CUT = 4 * 48
+OUTPUTS, INPUTS, SETPOINTS = recorded(4, PERIOD)
+TABLE = table(4)
+CUT = 3 * 48
 CONFIG = """
 [site]
 id = "plant"
@@ -77,7 +77,7 @@ def test_a_model_of_a_daemon_is_where_the_daemon_is(folder):
     assert str(ahead.index.tz) == "Europe/Berlin"
     assert ahead.index[0] == TABLE.index[CUT]
     assert model.heat_loss([0.5]).tolist() == folder[1].heat_loss([0.5])
-    assert "192 samples in 1 segment, 2025-01-10 00:00 to 2025-01-13 23:30" in repr(model)
+    assert "144 samples in 1 segment, 2025-01-10 00:00 to 2025-01-12 23:30" in repr(model)
     assert len(model.predictions) == 9
     assert len(model.demand(horizon="3h")) > 0
 

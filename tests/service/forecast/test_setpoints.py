@@ -66,9 +66,9 @@ def test_without_a_plan_the_schedule_of_the_days_before_comes():
 
 def test_a_schedule_is_followed_although_no_day_before_was_like_it():
     def schedule(times):
-        return np.array([morning(time / 3600.0) if time < 6 * 86400.0 else 16.0 for time in times.tolist()])
+        return np.array([morning(time / 3600.0) if time < 3 * 86400.0 else 16.0 for time in times.tolist()])
 
-    assert mean(worker_after(6 * DAILY, to_come=NOTHING_KNOWN._replace(schedule=schedule)))[24:].max() < 18.0
+    assert mean(worker_after(3 * DAILY, to_come=NOTHING_KNOWN._replace(schedule=schedule)))[24:].max() < 18.0
 
 
 def test_a_plan_in_watts_is_answered_in_watts():
