@@ -144,37 +144,20 @@ def test_believable_nonsense(name: str, samples: list[tuple[float, float, float,
 
 
 HEATED_WALLS = [
-    (60.6, 0.0, 0.0),
-    (21.8, 22.3, -7.2e5),
-    (math.nan, 0.0, 7.3e5),
-    (math.nan, -12.9, -6.1e5),
-    (math.nan, 0.0, 2.7e5),
-    (66.6, 75.4, -6.9e5),
-    (math.nan, 0.0, -5.1e5),
-    (11.3, 0.0, 0.0),
-    (0.0, 74.9, -4.3e5),
-    (math.nan, -40.8, -9.4e5),
-    (math.nan, 47.7, 2.3e5),
-    (-38.0, -46.8, -6.9e5),
-    (-38.0, -38.0, 6.6e5),
-    (28.1, 50.9, 0.0),
-    (50.7, -11.7, -4.3e5),
-    (79.8, 0.0, 5.3e5),
-    (51.3, 17.8, 0.0),
-    (56.6, 0.0, 9.3e5),
-    (math.nan, 0.0, -8.0e5),
-    (math.nan, 0.0, -4.3e5),
-    (-30.2, 0.0, -7.7e5),
+    (20.0, 0.0, 5e5),
+    (-40.0, 50.0, -9e5),
+    (80.0, -40.0, -5e5),
+    (math.nan, -40.0, -9e5),
+    (math.nan, 0.0, 5e5),
+    (60.0, 50.0, 5e5),
 ]
 """T_i, T_out and u_heat of samples that leave a UKF with walls so hot and uncertain that days do not bring it back."""
-
-HEATED_AT = (1, 2, 4, 5, 6, 9, 12, 14, 17, 19, 22, 25, 28, 31, 33, 34, 36, 37, 40, 41, 43)
 
 
 @pytest.mark.parametrize("name", sorted(SMALL))
 def test_forecasts_that_say_nothing_begin_a_new_segment(name: str) -> None:
     alignment, worker = fresh(name)
-    for step, (inside, outside, heat) in zip(HEATED_AT, HEATED_WALLS, strict=True):
+    for step, (inside, outside, heat) in enumerate(HEATED_WALLS):
         now = START + step * PERIOD
         readings = [Reading("T_i", now, inside), Reading("T_out", now, outside), Reading("u_heat", now, heat)]
         take(alignment, worker, readings, now + 61)
