@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
 from datetime import timedelta
 from html import escape
@@ -37,7 +37,7 @@ from service.forecast.heating import (
 )
 from service.forecast.learned import learned_laws
 from service.forecast.request import detail
-from service.records.fan import Fan
+from service.records.fan import CompactOutputPayload, Fan
 from service.records.outlook import SET_POINTS
 from service.records.skill import Skill
 from service.records.view import Answer, Question
@@ -114,14 +114,13 @@ class Model:
         measured temperatures every column is a pair (output, quantity).
         """
         checked = _checked_levels(levels)
-        fan = self._asked(plan, horizon, checked)
-        columns: dict[Any, Array] = {}
-        for output in fan.outputs:
-            quantities = {"mean": output.mean, "median": output.median, "sd": output.sd}
+
+        def quantities(output: CompactOutputPayload) -> Iterator[tuple[str, Array]]:
+            yield from (("mean", output.mean), ("median", output.median), ("sd", output.sd))
             for level, lower, upper in zip(checked, output.lower, output.upper, strict=True):
-                quantities |= {f"lower_{level:g}": lower, f"upper_{level:g}": upper}
-            columns |= {self._key(output.output, name): values for name, values in quantities.items()}
-        return table(columns, self._steps(fan))
+                yield from ((f"lower_{level:g}", lower), (f"upper_{level:g}", upper))
+
+        return self._by_step(self._asked(plan, horizon, checked), quantities)
 
     def predict(self, X: Any = None, quantiles: Sequence[float] = QUANTILES) -> Frame:
         """Quantiles of the measured temperatures [degC] at the times of `X`, as scikit-learn's users expect them.
@@ -147,14 +146,13 @@ class Model:
             horizon = max(1, int(rows.max())) * period
         # The bound of a central interval is a quantile.
         levels = sorted({abs(2.0 * q - 1.0) for q in checked} - {0.0}) or [0.5]
-        fan = self._asked(X if isinstance(X, pd.DataFrame) else None, horizon, levels)
-        columns: dict[Any, Array] = {}
-        for output in fan.outputs:
+
+        def bounds(output: CompactOutputPayload) -> Iterator[tuple[str, Array]]:
             for q in checked:
-                bounds = output.lower if q < 0.5 else output.upper
-                values = output.median if q == 0.5 else bounds[levels.index(abs(2.0 * q - 1.0))]
-                columns[self._key(output.output, f"q{q:g}")] = values
-        found = table(columns, self._steps(fan))
+                side = output.lower if q < 0.5 else output.upper
+                yield f"q{q:g}", output.median if q == 0.5 else side[levels.index(abs(2.0 * q - 1.0))]
+
+        found = self._by_step(self._asked(X if isinstance(X, pd.DataFrame) else None, horizon, levels), bounds)
         return found if rows is None else found.iloc[rows.astype(int)].set_axis(frame.index)
 
     def scenarios(self, plan: Any = None, horizon: str | float | timedelta = "24h", count: int = 100) -> Frame:
@@ -169,12 +167,7 @@ class Model:
             raise DataError(
                 f"the estimator {self.estimator} knows no physics and samples no futures; fit with another estimator"
             ) from None
-        columns = {
-            self._key(output.output, place): future
-            for output in fan.outputs
-            for place, future in enumerate(output.scenarios)
-        }
-        return table(columns, self._steps(fan))
+        return self._by_step(fan, lambda output: enumerate(output.scenarios))
 
     def preheat(self, target: float, by: Any, *, probability: float = 0.9, tolerance: float = 0.5) -> Any:
         """The latest time to raise the set-point for the zone to be warm in time: a Series.
@@ -511,10 +504,12 @@ class Model:
             raise DataError("the model was saved by a Thermogate that kept no history in it; fit it again")
         return found
 
-    def _steps(self, fan: Fan) -> Any:
-        """When the steps of `fan` are."""
+    def _by_step(self, fan: Fan, quantities: Callable[[CompactOutputPayload], Iterable[tuple[Any, Array]]]) -> Frame:
+        """The `quantities` of every output of `fan` as columns, by time."""
         first, period = fan.update.forecast.valid_time, self._settings.zone.period
-        return self._moments([first + step * period for step in range(len(fan.outputs[0].mean))])
+        times = self._moments([first + step * period for step in range(len(fan.outputs[0].mean))])
+        found = {self._key(one.output, name): values for one in fan.outputs for name, values in quantities(one)}
+        return table(found, times)
 
     def _skill(self) -> Skill:
         found = self._session.worker.skill()

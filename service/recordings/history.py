@@ -51,10 +51,9 @@ def survey(
     end: float | None = None,
     *,
     most: float = inf,
-    progress: bool | None = None,
 ) -> dict[str, History]:
     """What the recordings of `config` hold of each of `zones`; arguments and errors are those of `read_samples`."""
-    found = read_samples(config, zones, start, end, most=most, progress=progress)
+    found = read_samples(config, zones, start, end, most=most, progress=None)
     return {zone.id: _history(zone, found[zone.id]) for zone in zones}
 
 

@@ -28,9 +28,9 @@ TABLE = source_table("bacnet", interface="127.0.0.1", timeout=60.0, retries=0)
 KINDS = {"not_bacnet", "frame", "apdu", "notification"}
 
 
-def frame(apdu: str, function: str = "0a") -> bytes:
+def frame(apdu: str) -> bytes:
     body = bytes.fromhex("0100" + apdu.replace(" ", ""))
-    return bytes.fromhex(f"81{function}") + (4 + len(body)).to_bytes(2) + body
+    return b"\x81\x0a" + (4 + len(body)).to_bytes(2) + body
 
 
 I_AM = frame("10 00 c4020004b1 2205c4 9103 2203e7")

@@ -34,7 +34,7 @@ def sentences(error: ConfigError) -> None:
         assert "Input should" not in problem
 
 
-def outcome(content: bytes, again: bool = True) -> None:
+def outcome(content: bytes) -> None:
     """A Config that can be shown and built from, or sentences of one line each."""
     path = FOLDER / "fuzz.toml"
     path.write_bytes(content)
@@ -48,9 +48,8 @@ def outcome(content: bytes, again: bool = True) -> None:
         fingerprint(zone)
         make_alignment(zone)
     shown = effective_toml(config)
-    if again:
-        path.write_text(shown, encoding="utf-8")
-        assert effective_toml(load(path)) == shown
+    path.write_text(shown, encoding="utf-8")
+    assert effective_toml(load(path)) == shown
 
 
 @raw(*TEXTS.values(), b"[site]\nid = 1979-05-27\n", b"a = [[[[", examples=150)

@@ -127,8 +127,8 @@ def ended(zones: dict) -> bool:
     return all("come to an end" in zone["reason"] for zone in zones.values())
 
 
-def reload(daemon: Daemon, expected: str, timeout: float = 240) -> None:
+def reload(daemon: Daemon, expected: str) -> None:
     """Send SIGHUP and wait until the log says `expected` once more."""
     before = daemon.log().count(expected)
     daemon.process.send_signal(signal.SIGHUP)
-    daemon.wait_for(lambda: daemon.log().count(expected) > before, timeout)
+    daemon.wait_for(lambda: daemon.log().count(expected) > before)

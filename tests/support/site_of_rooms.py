@@ -16,7 +16,7 @@ from support.thermostat_house import samples as told
 from estimator import registry
 from estimator.network.presets import network
 from service.publish.metrics import Metrics
-from service.records.outlook import Surroundings, WeatherBook
+from service.records.outlook import Surroundings
 from service.records.sample import Sample
 from service.store.store import Store
 from service.web.app import create_app
@@ -87,17 +87,13 @@ def worker_of(room: Room) -> ZoneWorker:
 
 
 @contextmanager
-def site_of(
-    folder: Path, rooms: Mapping[str, Room], book: WeatherBook | None = None
-) -> Iterator[tuple[FastAPI, dict[str, Zone]]]:
+def site_of(folder: Path, rooms: Mapping[str, Room]) -> Iterator[tuple[FastAPI, dict[str, Zone]]]:
     """The application over zones by id, and the zones."""
     metrics, store = Metrics({}), Store(folder)
     with ThreadPoolExecutor(2) as pool:
         stopping = threading.Event()
         questions = Questions(pool, stopping)
-        shared = Plumbing(
-            "htwg", store, pool, questions, stopping, metrics, (metrics,), 1e9, weather=book or WeatherBook()
-        )
+        shared = Plumbing("htwg", store, pool, questions, stopping, metrics, (metrics,), 1e9)
         zones = {
             name: Zone(name, room.estimator, "mark", worker_of(room), shared, room.surroundings)
             for name, room in rooms.items()

@@ -71,11 +71,11 @@ DAY = 48
 """Steps of `room`."""
 
 
-def room(count, seed=1, noise=0.02):
+def room(count, seed=1):
     """A room of one capacity under random heating, and its inputs, every half hour."""
     rng = np.random.default_rng(seed)
     inputs = np.column_stack([5 + 3 * np.sin(2 * np.pi * np.arange(count) / DAY), 1000.0 * (rng.random(count) < 0.3)])
     outputs = np.full(count, 20.0)
     for k in range(count - 1):
-        outputs[k + 1] = 0.97 * outputs[k] + 0.03 * inputs[k, 0] + 0.0015 * inputs[k, 1] + noise * rng.standard_normal()
+        outputs[k + 1] = 0.97 * outputs[k] + 0.03 * inputs[k, 0] + 0.0015 * inputs[k, 1] + 0.02 * rng.standard_normal()
     return outputs, inputs

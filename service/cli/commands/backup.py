@@ -9,7 +9,6 @@ from service.cli.arguments import AddCommand, load_config, take_config
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add(
         "backup",
         _backup,

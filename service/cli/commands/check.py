@@ -17,7 +17,6 @@ _LOOKED_AT = 60 * 86400.0
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     take_config(add("check", _check, "Explain every mistake in a configuration, without connecting to anything."))
 
 

@@ -10,7 +10,6 @@ from service.cli.arguments import AddCommand, load_config, positive, take_config
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add("fleet", _chosen, "Run the zones of a site on the machines of a Ray cluster, with a [fleet] table.")
     parser.add_argument(
         "what", choices=("run", "status"), help="run until SIGTERM or Ctrl-C; show how the fleet is doing"

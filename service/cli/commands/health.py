@@ -26,7 +26,6 @@ _Answer = tuple[int, dict[str, Any]]
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add(
         "health",
         _health,

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add("inspect", _inspect, "Show what is in a checkpoint; exit code 1 if it is damaged.")
     parser.add_argument("checkpoint", type=Path, metavar="CHECKPOINT", help="a file of checkpoints/<zone>")
 

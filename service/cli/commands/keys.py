@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add("keys", _keys, "Create, list or revoke the API keys of a daemon; it need not be restarted.")
     parser.add_argument("action", choices=("create", "list", "revoke"), help="what to do")
     take_config(parser)

@@ -9,7 +9,6 @@ from service.errors import ConfigError
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add("networks", _networks, "List the network presets, or the parameters of one.")
     parser.add_argument("name", nargs="?", metavar="NAME", help="a preset; --set changes it, such as --set solar=true")
 

@@ -25,7 +25,6 @@ _LARGEST_DEVICE = 4194302
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add("probe", _probe, "Read every channel once and show what is made of it; 0 if all is good, 1 otherwise.")
     take_config(parser)
     parser.add_argument("--source", metavar="NAME", help="look at the channels of this source only (default: all)")

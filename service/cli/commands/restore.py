@@ -10,7 +10,6 @@ from service.cli.commands.verify import take_signer
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add("restore", _restore, "Put a backup back into the state folder; the daemon must be stopped.")
     take_config(parser)
     parser.add_argument("backup", type=Path, metavar="BACKUP", help="a file that thermogate backup wrote")

@@ -8,7 +8,6 @@ from service.cli.arguments import AddCommand, load_config, take_config
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     take_config(add("show-config", _show, "Print the effective configuration as TOML, every default filled in."))
 
 

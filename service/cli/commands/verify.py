@@ -10,7 +10,6 @@ from service.cli.arguments import AddCommand
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add("verify", _verify, "Look through a state folder or a backup; exit code 1 if anything is damaged.")
     parser.add_argument("path", type=Path, metavar="PATH", help="the folder that site.state_dir names, or a backup")
     take_signer(parser)
