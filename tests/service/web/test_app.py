@@ -20,12 +20,12 @@ from service.web.server.in_process import ask
 from service.web.site import Backend
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def zones() -> dict[str, FakeZone]:
     return {zone.id: zone for zone in (running("living"), running("bedroom"))}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def app(zones: dict[str, FakeZone]) -> FastAPI:
     metrics = Metrics(zones)
     metrics.publish(announced("living", make_update(0), running("living").now().status))
@@ -74,8 +74,10 @@ def test_unknown_paths_and_methods_are_problems(app: FastAPI) -> None:
     assert request(app, "OPTIONS", "/zones/living/forecast").headers["allow"] == "GET, POST", "all of a path's routes"
 
 
-def test_an_internal_error_tells_the_client_nothing(app: FastAPI, zones: dict[str, FakeZone]) -> None:
-    zones["living"].failure = RuntimeError("secret /var/lib path")
+def test_an_internal_error_tells_the_client_nothing(
+    app: FastAPI, zones: dict[str, FakeZone], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zones["living"], "failure", RuntimeError("secret /var/lib path"))
     answer = get(app, "/zones/living/history")
     assert problem(answer, 500)["detail"] == "the daemon failed to answer this request; its log says why"
     assert "secret" not in answer.text

@@ -21,7 +21,7 @@ from service.web.server.refusal import LONGEST_SENTENCE, MOST_SENTENCES, Request
 PLAN = "/zones/living/forecast"
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def app() -> FastAPI:
     zones = {zone.id: zone for zone in (running("living"), running("bedroom"))}
     return create_app("htwg", zones, Metrics(zones).registry)

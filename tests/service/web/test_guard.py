@@ -11,7 +11,7 @@ from service.publish.metrics import Metrics
 from service.web.app import create_app
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def app() -> FastAPI:
     http = HttpConfig(host="192.0.2.7", behind_tls_proxy=True, allowed_hosts=("thermogate.example",))
     return create_app("htwg", {}, Metrics({}).registry, http=http)

@@ -30,7 +30,7 @@ def zone() -> FakeZone:
     return long
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def app(zone: FakeZone) -> FastAPI:
     return create_app("htwg", {"living": zone}, CollectorRegistry())
 

@@ -62,32 +62,37 @@ class Desk:
         return Receipt(len(posted), 1, 3, Counter({Fault.OUT_OF_ORDER: 2}), 4, ("cpu idle",))
 
 
-@pytest.fixture
+DESK = Desk()
+
+
+@pytest.fixture(autouse=True)
 def desk() -> Desk:
-    return Desk()
+    """The desk of every application, as new."""
+    DESK.__init__()
+    return DESK
 
 
-@pytest.fixture
-def file(tmp_path: Path) -> Path:
-    return tmp_path / "keys.json"
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("keys") / "keys.json"
 
 
-@pytest.fixture
-def app(desk: Desk, file: Path) -> FastAPI:
-    return served(desk, file)
+@pytest.fixture(scope="module")
+def key(file: Path) -> str:
+    return create_key(file, "telegraf", "write")
 
 
-def served(desk: Desk, file: Path, zone: str = "living", **limits: int) -> FastAPI:
+@pytest.fixture(scope="module")
+def app(file: Path) -> FastAPI:
+    return served(file)
+
+
+def served(file: Path, zone: str = "living", **limits: int) -> FastAPI:
     """An application with limits, that of the body 4 MB."""
     zones = {name: running(name) for name in (zone, "bedroom")}
     http = HttpConfig.model_validate({"limits": {"body": 4_000_000, **limits}}, context={"folder": "/"})
     keys = KeyRing(file, required=False)
-    return create_app("htwg", zones, Metrics(zones).registry, keys=keys, backend=Backend(take=desk.take), http=http)
-
-
-@pytest.fixture
-def key(file: Path) -> str:
-    return create_key(file, "telegraf", "write")
+    return create_app("htwg", zones, Metrics(zones).registry, keys=keys, backend=Backend(take=DESK.take), http=http)
 
 
 def post(
@@ -127,7 +132,9 @@ def test_the_documented_example_is_a_valid_request(app: FastAPI, desk: Desk, key
 
 
 @pytest.mark.parametrize("path", ["/readings", "/zones/living/readings"])
-def test_posting_needs_a_key_for_it_even_where_reading_is_open(app: FastAPI, desk: Desk, file: Path, path: str) -> None:
+def test_posting_needs_a_key_for_it_even_where_reading_is_open(tmp_path: Path, desk: Desk, path: str) -> None:
+    file = tmp_path / "keys.json"
+    app = served(file)
     assert get(app, "/zones").status_code == 200
     answer = request(app, "POST", path, content=b"a b=1", headers={"Content-Type": LINES})
     assert "needs an API key" in problem(answer, 401)["detail"]
@@ -137,8 +144,8 @@ def test_posting_needs_a_key_for_it_even_where_reading_is_open(app: FastAPI, des
     assert len(desk.taken) == 2
 
 
-def test_a_zone_may_be_called_readings(desk: Desk, file: Path) -> None:
-    app = served(desk, file, zone="readings")
+def test_a_zone_may_be_called_readings(tmp_path: Path) -> None:
+    app = served(tmp_path / "keys.json", zone="readings")
     for path in ("/zones/readings", "/zones/readings/forecast"):
         assert get(app, path).status_code == 200
     problem(request(app, "POST", "/zones/readings/readings", content=b"a b=1"), 401)
@@ -179,8 +186,9 @@ def test_what_cannot_be_read_is_refused_as_a_whole(
 
 
 def test_what_cannot_be_read_is_counted_by_kind_and_logged_once(
-    app: FastAPI, key: str, caplog: pytest.LogCaptureFixture
+    file: Path, key: str, caplog: pytest.LogCaptureFixture
 ) -> None:
+    app = served(file)
     for _ in range(3):
         post(app, b"a b=1\nc d", key)
         post(app, b"{", key, JSON)
@@ -255,16 +263,15 @@ def test_what_is_decoded_is_bounded_and_not_only_what_arrives(body: bytes, kind:
 
 
 def test_a_key_that_posts_too_much_waits_and_no_other_does(
-    desk: Desk, file: Path, caplog: pytest.LogCaptureFixture
+    file: Path, key: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    app = served(desk, file, post_rate=1000)
-    greedy, honest = create_key(file, "greedy", "write"), create_key(file, "honest", "write")
+    app, greedy = served(file, post_rate=1000), create_key(file, "greedy", "write")
     body = gzip.compress(b"a b=1\n" * 10_500)
     assert post(app, body, greedy, **GZIP).status_code == 200, "a minute's worth at once"
     refused = post(app, b"a b=1", greedy)
     assert "more than 1000 bytes/s" in problem(refused, 429)["detail"]
     assert 0 < int(refused.headers["retry-after"]) <= 60
-    assert post(app, b"a b=1", honest).status_code == 200
+    assert post(app, b"a b=1", key).status_code == 200
     assert "key greedy posts more than 1000 bytes/s" in caplog.text
 
 

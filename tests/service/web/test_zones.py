@@ -13,16 +13,20 @@ from support.refused import assert_refused, refusals
 
 from service.web.app import create_app
 
+SERVED: dict[str, FakeZone] = {}
 
-@pytest.fixture
+
+@pytest.fixture(autouse=True)
 def zones() -> dict[str, FakeZone]:
-    zones = [running("living", levels=(0.5, 0.95)), waiting("attic"), broken("cellar")]
-    return {zone.id: zone for zone in zones}
+    """The zones that are served, as new."""
+    made = [running("living", levels=(0.5, 0.95)), waiting("attic"), broken("cellar")]
+    SERVED.update({zone.id: zone for zone in made})
+    return SERVED
 
 
-@pytest.fixture
-def app(zones: dict[str, FakeZone]) -> FastAPI:
-    return create_app("htwg", zones, CollectorRegistry())
+@pytest.fixture(scope="module")
+def app() -> FastAPI:
+    return create_app("htwg", SERVED, CollectorRegistry())
 
 
 @pytest.mark.parametrize("limit", [1, 2, 3])
