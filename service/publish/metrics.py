@@ -11,6 +11,7 @@ import platform
 import threading
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 
@@ -48,25 +49,17 @@ class Metrics(Sink):
         self._removed: set[str] = set()
         self._reports: dict[str, Reports] = {}
         self._samples = Counter("thermogate_samples", "Samples processed", ["zone"], registry=registry)
+        text = "Wall time of one update"
         self._seconds = Histogram(
-            "thermogate_update_seconds", "Wall time of one update", ["zone"], buckets=_UPDATE_BUCKETS, registry=registry
+            "thermogate_update_seconds", text, ["zone"], buckets=_UPDATE_BUCKETS, registry=registry
         )
         registry.register(_OfZones(_DESCRIBED["forecasts"], _of_forecasts, zones, self._reports))
-        self._loop_delay = Histogram(
-            "thermogate_event_loop_delay_seconds",
-            "How late the event loop served a timer",
-            buckets=_DELAY_BUCKETS,
-            registry=registry,
-        )
-        self._checkpoints = Counter(
-            "thermogate_checkpoints", "Checkpoints by result", ["zone", "result"], registry=registry
-        )
-        self._checkpointed = Gauge(
-            "thermogate_checkpoint_timestamp_seconds",
-            "When the newest checkpoint was written",
-            ["zone"],
-            registry=registry,
-        )
+        name, text = "thermogate_event_loop_delay_seconds", "How late the event loop served a timer"
+        self._loop_delay = Histogram(name, text, buckets=_DELAY_BUCKETS, registry=registry)
+        labels = ["zone", "result"]
+        self._checkpoints = Counter("thermogate_checkpoints", "Checkpoints by result", labels, registry=registry)
+        name, text = "thermogate_checkpoint_timestamp_seconds", "When the newest checkpoint was written"
+        self._checkpointed = Gauge(name, text, ["zone"], registry=registry)
         self._failures = Counter("thermogate_zone_failures", "Failed attempts of a zone", ["zone"], registry=registry)
         build = Gauge("thermogate_build_info", "Always 1", ["version", "python"], registry=registry)
         build.labels(version, platform.python_version()).set(1.0)
@@ -189,22 +182,19 @@ def _of_status(zone: ZoneState, reports: Reports) -> Iterator[_Figure]:
         yield "zone_state", float(status.state == name), name
 
 
+@dataclass(frozen=True)
 class _OfZones(Collector):
     """Figures of all zones, as they are at the moment of the scrape."""
 
-    def __init__(
-        self,
-        described: Mapping[str, Sequence[str]],
-        read: Callable[[ZoneState, Reports], Iterable[_Figure]],
-        zones: Mapping[str, ZoneView],
-        reports: Mapping[str, Reports],
-    ) -> None:
-        self._described, self._read, self._zones, self._reports = described, read, zones, reports
+    described: Mapping[str, Sequence[str]]
+    read: Callable[[ZoneState, Reports], Iterable[_Figure]]
+    zones: Mapping[str, ZoneView]
+    reports: Mapping[str, Reports]
 
     def collect(self) -> Iterable[Metric]:
         families = self._families()
-        for name, zone in tuple(self._zones.items()):
-            for metric, value, *labels in self._read(zone.now(), self._reports.get(name, NO_REPORTS)):
+        for name, zone in tuple(self.zones.items()):
+            for metric, value, *labels in self.read(zone.now(), self.reports.get(name, NO_REPORTS)):
                 families[metric].add_metric((name, *labels), value)
         return families.values()
 
@@ -217,5 +207,5 @@ class _OfZones(Collector):
             name: (CounterMetricFamily if name in _COUNTERS else GaugeMetricFamily)(
                 f"thermogate_{name}", text, labels=("zone", *labels)
             )
-            for name, (text, *labels) in self._described.items()
+            for name, (text, *labels) in self.described.items()
         }

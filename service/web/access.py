@@ -28,13 +28,9 @@ from service.web.server.refusal import RequestRefused
 OPEN_PATHS = ("/", "/docs", "/openapi.json", "/healthz")
 """Answered without a key: pages and documentation, which hold nothing of the site, and whether the process is alive."""
 
-OPEN_PREFIX = "/static/"
 ADMIN_PREFIX = "/admin"
-ZONES_PREFIX = "/zones"
-OVERVIEW_PREFIX = "/overview"
-"""Like the list of zones, answered with those that the caller sees."""
-FORECASTS_PATH = "/forecasts"
-"""Forecasts of several zones, each of which has to be one that the caller sees."""
+OF_ZONES = ("zones", "overview", "forecasts")
+"""How the paths begin that a key for some zones may ask for; their answers are about zones that the caller sees."""
 
 READINGS = "readings"
 """How every path ends where readings are posted; it needs a key, even where reading does not."""
@@ -52,6 +48,8 @@ _REALM = 'Bearer realm="thermogate"'
 
 ANYBODY = Caller(name="anybody")
 """Who asks without a key while none is in force."""
+NOBODY = Caller(name="nobody", zones=())
+"""Who asks for what is open without a key while keys are in force."""
 
 
 async def caller_of(request: Request) -> Caller:
@@ -61,12 +59,6 @@ async def caller_of(request: Request) -> Caller:
 
 
 Asking = Annotated[Caller, Depends(caller_of)]
-
-
-def may_read(request: Request) -> bool:
-    """Whether the client may read, also where a request needs no key."""
-    found: bool = request.scope["state"]["reader"]()
-    return found
 
 
 class RequireKey:
@@ -88,9 +80,8 @@ class RequireKey:
             except RequestRefused as refused:
                 await refused.answer(connection, receive, send)
                 return
-            client = peer_of(connection) if caller is ANYBODY else f"key {caller.name}"
-            state = {"caller": caller, "client": client, "reader": lambda: self._may_read(connection)}
-            connection.setdefault("state", {}).update(state)
+            client = f"key {caller.name}" if isinstance(caller, Key) else peer_of(connection)
+            connection.setdefault("state", {}).update(caller=caller, client=client)
             asker = current_asker()
             asker.name = client
             asked_by(asker)
@@ -117,10 +108,10 @@ class RequireKey:
     async def _caller(self, connection: Connection) -> Caller:
         """Who asks; RequestRefused if they may not."""
         path: str = connection["path"]
-        if path in OPEN_PATHS or path.startswith(OPEN_PREFIX):
-            return ANYBODY
+        if path in OPEN_PATHS or path.startswith("/static/"):
+            return self._known(connection)
         parts = [*path.split("/"), ""]
-        writing = parts[1:-1] == [READINGS] or (f"/{parts[1]}" == ZONES_PREFIX and parts[3:-1] == [READINGS])
+        writing = parts[1:-1] == [READINGS] or (parts[1] == "zones" and parts[3:-1] == [READINGS])
         needed: Scope = "admin" if f"/{parts[1]}" == ADMIN_PREFIX else "write" if writing else "read"
         if needed == "read" and not (self._keys and self._keys.in_force):
             return ANYBODY
@@ -128,7 +119,7 @@ class RequireKey:
         refused = None
         if not caller.may(needed):
             refused = _lacking(needed)
-        elif caller.zones is not None and f"/{parts[1]}" not in (ZONES_PREFIX, OVERVIEW_PREFIX, FORECASTS_PATH):
+        elif caller.zones is not None and parts[1] not in OF_ZONES:
             refused = _lacking("all zones")
         elif caller.zones is not None and len(parts) > 3 and not caller.sees(parts[2]):
             refused = _unknown_zone(parts[2], sorted(caller.zones))
@@ -138,12 +129,14 @@ class RequireKey:
             raise refused
         return caller
 
-    def _may_read(self, connection: Connection) -> bool:
+    def _known(self, connection: Connection) -> Caller:
+        """Who asks for what is open."""
         try:
-            keys = self._keys
-            return keys is None or not keys.in_force or keys.find(_secret(connection) or "") is not None
+            if self._keys is None or not self._keys.in_force:
+                return ANYBODY
+            return self._keys.find(_secret(connection) or "") or NOBODY
         except KeyFileError:
-            return False
+            return NOBODY
 
     async def _authenticated(self, connection: Connection) -> Caller:
         secret = _secret(connection)

@@ -104,15 +104,17 @@ def _is_of_another_site(headers: Headers, hosts: Iterable[str]) -> bool:
     if headers.get("sec-fetch-site") == "cross-site":
         return (headers.get("sec-fetch-mode"), headers.get("sec-fetch-dest")) != ("navigate", "document")
     origin = headers.get("origin")
-    return origin is not None and _name_in(origin.partition("://")[2]) not in {_name_in(host) for host in hosts}
+    return origin is not None and _name_in(origin.partition("://")[2]) not in map(_name_in, hosts)
 
 
 def _name_in(host: str) -> str | None:
-    """The name or address in a host with or without a port; None if it is none."""
+    """The name or address in a host with or without a port, in small letters; None if it is none."""
     try:
-        return urlsplit(f"//{host}").hostname
+        parts = urlsplit(f"//{host}")
+        whole = parts.netloc == host and parts.username is None and (parts.port is None or parts.port >= 0)
     except ValueError:
         return None
+    return parts.hostname if whole else None
 
 
 def _is_meant(host: str, hosts: Iterable[str]) -> bool:
@@ -121,11 +123,9 @@ def _is_meant(host: str, hosts: Iterable[str]) -> bool:
     A page of somebody else that has its name resolve to this machine (DNS rebinding) sends that name; no page can
     send an address that it was not loaded from.
     """
-    name, _, port = host.rpartition(":")
-    if not name or not port.isdecimal():
-        name = host
+    name = _name_in(host) or ""
     try:
-        ipaddress.ip_address(name.removeprefix("[").removesuffix("]"))
+        ipaddress.ip_address(name)
     except ValueError:
-        return name.lower().removesuffix(".") in hosts
+        return name.removesuffix(".") in hosts
     return True

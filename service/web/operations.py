@@ -17,7 +17,7 @@ from service.records.record import to_json
 from service.records.status import STATES, ZoneStatus
 from service.records.view import ZoneView
 from service.store.audit import AUDIT, about
-from service.web.access import MOST_NAMES, Asking, may_read
+from service.web.access import MOST_NAMES, NOBODY, Asking
 from service.web.answering import json_answer, route
 from service.web.models import HealthPayload, ReadyPayload, ReloadPayload, ZoneReadiness
 from service.web.problems import RETRY_SECONDS
@@ -30,11 +30,11 @@ def operation_routes(metrics_registry: CollectorRegistry) -> APIRouter:
     router, started = APIRouter(tags=["operations"]), time.monotonic()
 
     @route(router, "GET /healthz", refused=(500, 503), response_model=HealthPayload)
-    async def healthz(site: Here, request: Request) -> Response:
+    async def healthz(site: Here, caller: Asking) -> Response:
         """The process is alive: event loop, estimator and journal answer"""
         if found := site.backend.problems():
             raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, found, retry_after=RETRY_SECONDS)
-        known = site.backend.version if may_read(request) else None
+        known = None if caller is NOBODY else site.backend.version
         return json_answer(to_json(HealthPayload(known, time.monotonic() - started)))
 
     @route(router, "GET /readyz", refused=(500, 503), response_model=ReadyPayload)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, TypeVar
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError, WrapValidator
 from pydantic_core.core_schema import ValidatorFunctionWrapHandler
 
-from service.forecast.plan import Inputs, Stepped, Timed, Values
+from service.forecast.plan import Stepped, Timed, Values
 from service.forecast.request import MAX_STEPS
 from service.web.models import EXAMPLES, Finite, Horizon, Instant, Levels
 
@@ -30,12 +30,12 @@ class SteppedValues(BaseModel, extra="forbid"):
     values: Annotated[list[Finite], Field(min_length=1, max_length=MAX_STEPS)]
 
 
-def _one_sentence(value: object, read: ValidatorFunctionWrapHandler) -> object:
-    # Every arm of the union would complain.
+def _planned(value: object, read: ValidatorFunctionWrapHandler) -> Values:
+    """As the grammar of plans has it; one sentence where it is no plan, for every arm of the union would complain."""
     if isinstance(value, list) and len(value) > MAX_STEPS:
         raise ValueError(f"at most {MAX_STEPS} values of an input, not {len(value)}")
     try:
-        return read(value)
+        found = read(value)
     except ValidationError as error:
         # A mistake inside a value is worth more than that none of the forms fits.
         told = next((one["msg"] for one in error.errors() if one["type"] == "value_error"), None)
@@ -44,15 +44,25 @@ def _one_sentence(value: object, read: ValidatorFunctionWrapHandler) -> object:
             "unit"
         )
         raise ValueError(forms if told is None else f"{told.removeprefix('Value error, ')}; {forms}") from None
+    if isinstance(found, SteppedValues):
+        return Stepped(found.step, np.array(found.values))
+    if not isinstance(found, list):
+        return float(found)
+    if timed := [one for one in found if isinstance(one, TimedValue)]:
+        return Timed(np.array([one.time.timestamp() for one in timed]), np.array([one.value for one in timed]))
+    return np.array(found, dtype=np.float64)
 
 
-PlannedInput = Annotated[
-    Finite
-    | Annotated[list[Finite], Field(max_length=MAX_STEPS)]
-    | Annotated[list[TimedValue], Field(min_length=1, max_length=MAX_STEPS)]
-    | SteppedValues,
-    WrapValidator(_one_sentence),
-]
+if TYPE_CHECKING:
+    PlannedInput = Values
+else:
+    PlannedInput = Annotated[
+        Finite
+        | Annotated[list[Finite], Field(max_length=MAX_STEPS)]
+        | Annotated[list[TimedValue], Field(min_length=1, max_length=MAX_STEPS)]
+        | SteppedValues,
+        WrapValidator(_planned),
+    ]
 
 
 class ForecastRequest(
@@ -82,18 +92,3 @@ def named_apart(plans: Plans) -> Plans:
     if twice := [name for name in names if names.count(name) > 1]:
         raise ValueError(f"two plans are named '{twice[0]}'; give each another name")
     return plans
-
-
-def inputs_of(given: Mapping[str, PlannedInput]) -> Inputs:
-    """The same as the grammar of plans has it."""
-    return {channel: values_of(value) for channel, value in given.items()}
-
-
-def values_of(value: PlannedInput) -> Values:
-    if isinstance(value, SteppedValues):
-        return Stepped(value.step, np.array(value.values))
-    if not isinstance(value, list):
-        return value
-    if timed := [one for one in value if isinstance(one, TimedValue)]:
-        return Timed(np.array([one.time.timestamp() for one in timed]), np.array([one.value for one in timed]))
-    return np.array(value, dtype=np.float64)

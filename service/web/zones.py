@@ -139,7 +139,7 @@ async def forecast(
 async def forecast_under_plan(site: Here, view: Asked, body: planned.ForecastRequest) -> FanPayload:
     """The forecast under planned inputs: what a controller asks"""
     newest(view)
-    plan = Plan(inputs={view.id: planned.inputs_of(body.inputs)})
+    plan = Plan(inputs={view.id: body.inputs})
     request = ForecastRequest([view], body.horizon, body.levels, [plan])
     bound(request)
     if found := mistakes(request):

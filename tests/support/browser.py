@@ -37,7 +37,7 @@ def eventually(page: Any, condition: str, argument: object = None) -> None:
 
 
 def drag(page: Any, selector: str, begin: tuple[float, float], end: tuple[float, float]) -> None:
-    """Move the mouse with its button down from one place of an element to another, as shares of its width and height."""
+    """Move the pressed mouse from one place of an element to another; places are shares of its width and height."""
     page.locator(selector).scroll_into_view_if_needed()
     box = page.locator(selector).bounding_box()
     places = [(box["x"] + x * box["width"], box["y"] + y * box["height"]) for x, y in (begin, end)]

@@ -31,7 +31,7 @@ from service.records.view import Answer, Question, ZoneView
 from service.web.access import Asking, find_zone
 from service.web.answering import asked, newest, route
 from service.web.models import Finite, Horizon
-from service.web.planned import PlannedInput, named_apart, values_of
+from service.web.planned import PlannedInput, named_apart
 from service.web.problems import invalid
 from service.web.server.refusal import RequestRefused
 from service.web.site import Asked, Here
@@ -169,9 +169,9 @@ def _steps(view: ZoneView, horizon: float, plans: int) -> int:
     return steps_of(request, view)
 
 
-def _check(view: ZoneView, steps: int, given: PlannedInput, place: str, *, limited: bool = True) -> Values:
+def _check(view: ZoneView, steps: int, values: Values, place: str, *, limited: bool = True) -> Values:
     """What is planned over `steps` steps, of set-points if `limited`; RequestRefused where that cannot be."""
-    values, grid = values_of(given), Grid(newest(view).forecast.valid_time, view.period, steps)
+    grid = Grid(newest(view).forecast.valid_time, view.period, steps)
     try:
         if limited:
             check(values, SET_POINTS, view.network, view.surroundings.limits, grid)

@@ -32,7 +32,6 @@ from service.web.control.models import (
 )
 from service.web.limits import LARGE
 from service.web.models import Horizon
-from service.web.planned import inputs_of
 from service.web.problems import invalid
 from service.web.server.refusal import RequestRefused
 from service.web.site import Asked, Here
@@ -87,7 +86,7 @@ async def forecasts(site: Here, caller: Asking, body: SiteForecastRequest) -> Re
     """Forecasts of several zones under several plans, neighbours simulated together"""
     seen = {zone: view for zone, view in site.zones.items() if caller.sees(zone)}
     wanted = [find_zone(site.zones, zone, caller) for zone in dict.fromkeys(body.zones) or seen]
-    plans = [Plan(one.name, {zone: inputs_of(given) for zone, given in one.inputs.items()}) for one in body.plans]
+    plans = [Plan(one.name, one.inputs) for one in body.plans]
     around = neighbourhood(wanted, seen)
     request = ForecastRequest(wanted, body.horizon, body.levels, plans, body.scenarios, around)
     numbers = bound(request)

@@ -129,12 +129,9 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
         """Bytes of the answer that the transport has not been given yet."""
         self._unsent, self._progress = 0, 0.0
         """How much of the answer was waiting when the client last made progress, and when that was."""
-        self.met = False
-        """Whether the connection, with its handshake, has come about."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        self.met = True
         self.client = self.client or (UNIX, 0)
         self._receiving_since = self._progress = self.loop.time()
 

@@ -32,9 +32,6 @@ SPARE = 32
 SHUTDOWN_SECONDS = 1
 RETRY_SECONDS = 5
 SWEEP_SECONDS = 1.0
-FOLLOW_SECONDS = 10.0
-"""How often a renewed certificate is looked for."""
-
 BACKLOG = 256
 
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
@@ -106,7 +103,7 @@ class HttpServer:
     async def run(self) -> None:
         """Serve until `stop`."""
         self._socket.listen(BACKLOG)
-        watching = [asyncio.create_task(work) for work in (self._accept(), self._sweep(), self._follow())]
+        watching = [asyncio.create_task(work) for work in (self._accept(), self._sweep())]
         serving = asyncio.create_task(self._server.serve())
         try:
             await asyncio.wait([*watching, serving], return_when=asyncio.FIRST_COMPLETED)
@@ -201,7 +198,8 @@ class HttpServer:
             await loop.connect_accepted_socket(lambda: protocol, connection, **encryption)  # type: ignore[arg-type]
         except BaseException as error:
             connection.close()
-            if not protocol.met:
+            if protocol.transport is None:
+                # It has not come about, and is not lost either.
                 self._leave(peer)
             if not isinstance(error, OSError):
                 raise
@@ -212,7 +210,7 @@ class HttpServer:
             del self._peers[peer]
 
     async def _sweep(self) -> None:
-        """Look after every connection for ever."""
+        """Look after every connection, and for a renewed certificate, for ever."""
         shortest = min(self._limits.receive_timeout, self._limits.send_timeout)
         while True:
             await asyncio.sleep(min(SWEEP_SECONDS, shortest / 4))
@@ -220,6 +218,8 @@ class HttpServer:
             for connection in self.open_connections:
                 self.cut_off.update(filter(None, [connection.check(now)]))
             self._relieve()
+            if self.certificate is not None:
+                self.certificate.follow()
 
     def _relieve(self) -> None:
         """Let go of the slowest readers while more waits to be sent than there is room for; one may always stay."""
@@ -231,13 +231,6 @@ class HttpServer:
             waiting -= connection.unsent
             connection.transport.abort()
             self.cut_off["slow to read"] += 1
-
-    async def _follow(self) -> None:
-        """Notice a renewed certificate, for ever."""
-        while True:
-            if self.certificate is not None:
-                self.certificate.follow()
-            await asyncio.sleep(FOLLOW_SECONDS)
 
 
 async def _busy(scope: Scope, receive: Receive, send: Send) -> None:
