@@ -182,7 +182,7 @@ def _of_status(zone: ZoneState, reports: Reports) -> Iterator[_Figure]:
         yield "zone_state", float(status.state == name), name
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _OfZones(Collector):
     """Figures of all zones, as they are at the moment of the scrape."""
 
