@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import multiprocessing
 import re
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Sequence, Set
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +19,8 @@ from support.harness import Daemon
 
 HOLD_SECONDS = 0.25
 """How long no client may hold the event loop."""
+
+JSON = "application/json"
 
 MEMORY_MB = 100.0
 """What any one client may take beyond what the daemon has at rest."""
@@ -53,25 +58,56 @@ class Target(NamedTuple):
         found = re.match(rb"HTTP/1.1 (\d{3})", head)
         return Answer(int(found[1]) if found else 0, head.decode("latin-1"), body)
 
+    def request(
+        self, path: str, body: bytes | None = None, key: str | None = None, kind: str = JSON, **headers: str
+    ) -> bytes:
+        """A GET with the target's key, or a POST with another one; in the names of `headers`, _ stands for -."""
+        lines = ["Host: localhost", "Connection: close"]
+        lines += [f"{name.replace('_', '-')}: {value}" for name, value in headers.items()]
+        if body is not None:
+            lines += [f"Content-Type: {kind}", f"Content-Length: {len(body)}"]
+        elif key is None:
+            key = self.key
+        if key is not None:
+            lines.append(f"Authorization: Bearer {key}")
+        head = [f"{'GET' if body is None else 'POST'} {path} HTTP/1.1", *lines, ""]
+        return "".join(f"{line}\r\n" for line in head).encode() + (body or b"")
+
     def get(self, path: str, **headers: str) -> Answer:
         """The answer to a GET."""
-        lines = [f"GET {path} HTTP/1.1", "Host: localhost", "Connection: close"]
-        return self.ask(_head(lines, headers, self.key))
+        return self.ask(self.request(path, **headers))
 
-    def post(
-        self, path: str, body: bytes, key: str | None = None, kind: str = "application/json", **headers: str
-    ) -> Answer:
-        """The answer to a POST of JSON, or of what else `kind` names, with an API key if one is given."""
-        lines = [f"POST {path} HTTP/1.1", "Host: localhost", "Connection: close", f"Content-Type: {kind}"]
-        return self.ask(_head([*lines, f"Content-Length: {len(body)}"], headers, key) + body)
+    def post(self, path: str, body: bytes, key: str | None = None, **headers: str) -> Answer:
+        """The answer to a POST of JSON."""
+        return self.ask(self.request(path, body, key, **headers))
 
 
-def _head(lines: list[str], headers: Mapping[str, str], key: str | None) -> bytes:
-    """The head of a request with `lines`, further headers (_ for -) and a key."""
-    lines = [*lines, *(f"{name.replace('_', '-')}: {value}" for name, value in headers.items())]
-    if key is not None:
-        lines.append(f"Authorization: Bearer {key}")
-    return "".join(f"{line}\r\n" for line in [*lines, ""]).encode()
+def hammered(target: Target, requests: Sequence[bytes], seconds: float, expected: Set[int]) -> str:
+    """The answers, which have `expected` statuses, to `requests` again and again on eight connections. In a process of
+    its own, for this one may be the device that the daemon reads."""
+    with ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as process:
+        answers = process.submit(_hammer, target, requests, seconds).result()
+    seen = Counter(status for status, _ in answers)
+    # 0: there was no answer within a minute, which on a slow machine says nothing.
+    assert seen.keys() <= {0, *expected}, seen
+    told = ", ".join(f"{count} times {status}" for status, count in sorted(seen.items()))
+    return f"{told}; up to {max(size for _, size in answers) / 2**20:.1f} MB each"
+
+
+def _hammer(target: Target, requests: Sequence[bytes], seconds: float) -> list[tuple[int, int]]:
+    """Status and size of every answer."""
+    answers: list[tuple[int, int]] = []
+    order, end = itertools.cycle(requests), time.monotonic() + seconds
+
+    def ask() -> None:
+        while time.monotonic() < end:
+            answer = target.ask(next(order))
+            answers.append((answer.status, len(answer.body)))
+
+    with ThreadPoolExecutor(8) as pool:
+        for done in [pool.submit(ask) for _ in range(8)]:
+            done.result()
+    return answers
 
 
 class Cost(NamedTuple):

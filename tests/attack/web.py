@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import itertools
 import json
-import multiprocessing
 import socket
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from attack.victim import Answer, Target
+from attack.victim import Target, hammered
 from support.fake_zones import make_update
 
 from service.store.store import Store
@@ -182,58 +178,24 @@ def fill_history(folder: Path) -> None:
     asyncio.run(fill())
 
 
-def _at_once(target: Target, request: Callable[[Target], Answer], seconds: float) -> str:
-    """`request` again and again on eight connections; the answers by status, and how large the largest was. In a
-    process of its own, for this one is the device that the daemon reads."""
-    mine, other = multiprocessing.Pipe()
-
-    def attack() -> None:
-        seen: Counter[int] = Counter()
-        sizes = [0]
-        end = time.monotonic() + seconds
-
-        def ask() -> None:
-            while time.monotonic() < end:
-                answer = request(target)
-                seen[answer.status] += 1
-                sizes.append(len(answer.body))
-
-        with ThreadPoolExecutor(8) as pool:
-            for done in [pool.submit(ask) for _ in range(8)]:
-                done.result()
-        other.send((seen, max(sizes)))
-
-    process = multiprocessing.get_context("fork").Process(target=attack)
-    process.start()
-    while not mine.poll(0.1):
-        assert process.is_alive(), "the attacker has failed"
-    seen, largest = mine.recv()
-    process.join()
-    # 0: there was no answer within a minute, which on a slow machine says nothing.
-    assert seen.keys() <= {0, 200, 429, 503}, seen
-    told = ", ".join(f"{count} times {status}" for status, count in sorted(seen.items()))
-    return f"{told}; up to {largest / 2**20:.1f} MB each"
-
-
 def much_history(target: Target) -> str:
     """All of a long history, again and again, on eight connections."""
     answer = target.get(f"/zones/zone-one/history?limit={ROWS}")
     assert len(json.loads(answer.body)["rows"]) == ROWS
-    return _at_once(target, lambda one: one.get(f"/zones/zone-one/history?limit={ROWS}"), 10.0)
+    return hammered(target, [target.request(f"/zones/zone-one/history?limit={ROWS}")], 10.0, {200, 429, 503})
 
 
 def large_plans(target: Target) -> str:
     """Forecasts of a zone under plans, as many steps and scenarios as one request may ask for."""
     plans = [{"name": f"plan {k}"} for k in range(10)]
     body = {"horizon": "2016s", "zones": ["zone-one"], "levels": [0.5, 0.95], "scenarios": 17, "plans": plans}
-    content = json.dumps(body).encode()
-    return _at_once(target, lambda one: one.post("/forecasts", content), 10.0)
+    return hammered(target, [target.request("/forecasts", json.dumps(body).encode())], 10.0, {200, 429, 503})
 
 
 def models_and_charts(target: Target) -> str:
     """Models with all their draws, charts with all their points, and the overview."""
-    paths = itertools.cycle(["/zones/zone-one/model?draws=1000", "/zones/zone-one/series?points=2000", "/overview"])
-    return _at_once(target, lambda one: one.get(next(paths)), 10.0)
+    paths = ("/zones/zone-one/model?draws=1000", "/zones/zone-one/series?points=2000", "/overview")
+    return hammered(target, list(map(target.request, paths)), 10.0, {200, 429, 503})
 
 
 def odd_requests(target: Target) -> str:
