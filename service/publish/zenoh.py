@@ -13,11 +13,11 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
 from threading import BoundedSemaphore
-from typing import NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Self
 
 import zenoh
 from pydantic import Field, model_validator
@@ -85,10 +85,6 @@ class ZenohConfig(SessionConfig):
         return self
 
 
-class _Declared(Protocol):
-    def undeclare(self) -> None: ...
-
-
 class Publisher(Sink):
     """An open session with its publishers, queryables and tokens. Methods may be called from any thread."""
 
@@ -100,7 +96,7 @@ class Publisher(Sink):
         self._closed = False
         self._last: dict[str, bytes] = {}
         self._publishers: dict[str, zenoh.Publisher] = {}
-        self._declared: dict[str, list[_Declared]] = {}
+        self._declared: dict[str, list[Any]] = {}
         """Everything that was declared for a zone, to be undeclared in this order; for the site under its own name."""
         self._answering: Answering | None = None
         self._waiting = BoundedSemaphore(MOST_QUESTIONS)
@@ -156,7 +152,7 @@ class Publisher(Sink):
             key = f"{self._base(zone)}/{topic}"
             self._publishers.pop(key, None)
             self._last.pop(key, None)
-        self._give_up(self._declared.pop(zone, []))
+        _give_up([one.undeclare for one in self._declared.pop(zone, [])])
 
     def publish(self, announcement: Announcement) -> None:
         """Put what is announced, a forecast that is told again only once; ServiceError if the session has failed.
@@ -168,8 +164,7 @@ class Publisher(Sink):
 
     def settle(self) -> None:
         """Wait until every zone's forecast has a subscriber, for as long as the configuration says."""
-        if self._patience > 0:
-            self.await_subscriber(self._patience)
+        self.await_subscriber(self._patience)
 
     def measures(self) -> list[Measure]:
         """How many sessions ours is connected to."""
@@ -215,12 +210,10 @@ class Publisher(Sink):
 
     def _put(self, key: str, payload: bytes) -> None:
         publisher = self._publishers.get(key)
-        if publisher is None:
+        if publisher is None or self._closed:
             # A reload has removed the zone under its last step.
             return
         self._last[key] = payload
-        if self._closed:
-            return
         try:
             publisher.put(payload)
         except zenoh.ZError as error:
@@ -228,7 +221,7 @@ class Publisher(Sink):
             if not self._closed:
                 raise ServiceError(f"[zenoh]: {key} cannot be published ({first_line(error)})") from error
 
-    def _questioned(self, key: str, zone: str | None, topic: str) -> _Declared:
+    def _questioned(self, key: str, zone: str | None, topic: str) -> Any:
         """A queryable for a question. Zenoh's thread is not kept waiting: it is answered when there is an answer."""
 
         def asked(query: zenoh.Query) -> None:
@@ -252,9 +245,7 @@ class Publisher(Sink):
                     _log.debug("while answering on %s: %s", key, error)
 
         # Of several that know all of it, such as the gateways of a fleet, the nearest answers.
-        callback = zenoh.handlers.Callback(asked, indirect=False)
-        declared: _Declared = self._session.declare_queryable(key, callback, complete=True)
-        return declared
+        return self._session.declare_queryable(key, zenoh.handlers.Callback(asked, indirect=False), complete=True)
 
     def _answer(self, query: zenoh.Query) -> None:
         """Reply with the last value of every key the query asks for; with nothing before the first. Parameters, of
@@ -270,19 +261,16 @@ class Publisher(Sink):
                     query.reply(key, payload, encoding=zenoh.Encoding.APPLICATION_JSON)
 
     def _undeclare(self) -> None:
-        for declared in self._declared.values():
-            self._give_up(declared)
+        _give_up([one.undeclare for declared in self._declared.values() for one in declared])
+        _give_up([self._session.close])
+
+
+def _give_up(ends: Iterable[Callable[[], None]]) -> None:
+    for end in ends:
         try:
-            self._session.close()
+            end()
         except zenoh.ZError as error:
             _log.debug("while closing Zenoh: %s", error)
-
-    def _give_up(self, declared: Sequence[_Declared]) -> None:
-        for one in declared:
-            try:
-                one.undeclare()
-            except zenoh.ZError as error:
-                _log.debug("while closing Zenoh: %s", error)
 
 
 def _parameters(query: zenoh.Query) -> list[tuple[str, str]]:

@@ -27,13 +27,13 @@ class FollowedFiles:
         is read again."""
         self._seen: list[_Signature] | None = list(map(_signature, self._paths))
 
-    def follow(self, read: Callable[[], None], until_then: str) -> bool | None:
-        """`read` them if one is another than at the last look; whether that succeeded, None if none is. What keeps them
-        from being read is logged once, with what holds until then, and they are read again at the next call."""
+    def follow(self, read: Callable[[], None], until_then: str) -> bool:
+        """`read` them if one is another than at the last look; whether they have been read. What keeps them from it is
+        logged once, with what holds until then, and they are read again at the next call."""
         before = self._seen
         self.look()
         if self._seen == before:
-            return None
+            return False
         try:
             read()
         except ServiceError as error:
