@@ -19,7 +19,6 @@ SECONDS = 15.0
 ROWS = 20_000
 """As many rows of the history as one request may ask for."""
 
-CHUNKED = b"POST /zones/zone-one/forecast HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
 TINY = b"1\r\na\r\n" * 2000
 HEAD = "Host: localhost\r\nContent-Type: application/json\r\n"
 
@@ -198,32 +197,6 @@ def models_and_charts(target: Target) -> str:
     return hammered(target, list(map(target.request, paths)), 10.0, {200, 429, 503})
 
 
-def odd_requests(target: Target) -> str:
-    """What a parser may stumble over; never a 5xx."""
-    cases = {
-        b"POST /zones HTTP/1.1\r\nHost: a\r\nContent-Length: 4\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n": {400},
-        b"POST /zones HTTP/1.0\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n": {400},
-        b"GET /zones?x=1 HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n": {422},
-        b"OPTIONS /zones/zone-one/forecast HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n": {405},
-        b"GET /zones/zone-one/forecast?level=0 HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n": {422},
-        b"\x16\x03\x01\x00\xa5\x01\r\n\r\n": {400},
-        b"GET " + b"/" * 60_000 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n": {414, 431},
-        CHUNKED + b"ffffffffffffffffffff1\r\n": {400},
-        CHUNKED + b"-1\r\n": {400},
-        CHUNKED + b"1" * 30_000: {431},
-    }
-    for request, expected in cases.items():
-        status = target.ask(request, 15).status
-        assert status in expected, (request[:60], status)
-    plan = target.post("/zones/zone-one/forecast", b'{"horizon":"10s","inputs":{"u_heat":1e308}}')
-    assert plan.status == 422, plan
-    with target.connect(5) as stream:
-        last = b"Last-Event-ID: 9999-12-31T23:59:59-14:00\r\n"
-        stream.sendall(b"GET /zones/zone-one/stream HTTP/1.1\r\nHost: localhost\r\n" + last + b"\r\n")
-        assert b" 200 " in stream.recv(100)
-    return f"{len(cases) + 2} requests"
-
-
 BEFORE = {much_history: fill_history}
 """What an attack needs to find; called with the folder of the daemon before it starts."""
 
@@ -237,7 +210,6 @@ ATTACKS = {
     "2 the largest file, unread": large_static_file,
     "3 bodies of mistakes": many_mistakes,
     "5 abandoned forecasts": abandoned_fans,
-    "13, 19, 20, 21 odd requests": odd_requests,
     "17 a long history": much_history,
     "large plans": large_plans,
     "models and charts": models_and_charts,

@@ -260,4 +260,7 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
             head = h11.Response(status_code=status, headers=answer.raw_headers, reason=status.phrase.encode())
             for event in (head, h11.Data(data=bytes(answer.body)), h11.EndOfMessage()):
                 self.transport.write(self.conn.send(event) or b"")
+            if self.cycle is not None:
+                # The application has not answered yet, and what it will say has no place any more.
+                self.cycle.disconnected = True
         self.transport.close()

@@ -135,7 +135,8 @@ async def test_a_zone_without_a_sample_tells_its_state():
 
 async def test_a_client_that_comes_back_is_given_the_rows_it_missed():
     async with opened() as server:
-        for last, rows in ((stamp(0), [stamp(1), stamp(2)]), (stamp(2), []), ("nonsense", []), (stamp(0)[:-1], [])):
+        for last in (stamp(0), stamp(2), "nonsense", stamp(0)[:-1], "9999-12-31T23:59:59-14:00"):
+            rows = [stamp(1), stamp(2)] if last == stamp(0) else []
             client = await server.connect(headers=f"Last-Event-ID: {last}\r\n")
             events = await client.events(6 if rows else 5)
             history = [data for kind, _, data in events if kind == "history"]

@@ -206,6 +206,9 @@ REFUSED = {
         CHUNKED.replace(b"/size", b"/zones/a/forecast") + 2 * (b"400\r\n" + b"x" * 1024 + b"\r\n"),
         413,
     ),
+    "a chunk that is too large": (CHUNKED + b"ffffffffffffffffffff1\r\n", 400),
+    "a chunk of less than nothing": (CHUNKED + b"-1\r\n", 400),
+    "a long line before a chunk": (CHUNKED + b"1" * 2000, 431),
     "length and chunks": (CHUNKED.replace(b"Transfer", b"Content-Length: 4\r\nTransfer") + b"0\r\n\r\n", 400),
     "chunks in HTTP/1.0": (CHUNKED.replace(b"1.1", b"1.0") + b"0\r\n\r\n", 400),
     "many headers in one piece": (b"GET /" + HOST + b"a: b\r\n" * 1000 + b"\r\n", 431),
@@ -221,7 +224,9 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-async def test_what_is_too_large_or_wrong_is_refused_with_a_problem(daemon_app: FastAPI, case: str) -> None:
+async def test_what_is_too_large_or_wrong_is_refused_with_a_problem(
+    daemon_app: FastAPI, case: str, caplog: pytest.LogCaptureFixture
+) -> None:
     request, status = REFUSED[case]
     async with serving(daemon_app, config(limits=LIMITS)) as server:
         client = await Client.to(server)
@@ -233,6 +238,7 @@ async def test_what_is_too_large_or_wrong_is_refused_with_a_problem(daemon_app: 
             assert await client.ended() == b"", "what else may come is not read"
         await client.close()
         assert (await ask(server, "/healthz")).status == 200
+    assert not [record for record in caplog.records if record.name != "audit"], "its sender's business"
 
 
 async def test_bodies_up_to_the_limit_are_taken(daemon_app: FastAPI) -> None:
