@@ -15,7 +15,7 @@ from service.daemon.instruments import instrument
 from service.daemon.process import collect_garbage, stand_back
 from service.daemon.runtime import Runtime
 from service.daemon.tasks import end
-from service.daemon.zone_table import ZoneTable
+from service.daemon.zone_table import Zones
 from service.forecast.ahead import LookingAhead
 from service.publish.kinds import SINK_KINDS
 from service.publish.metrics import Metrics
@@ -27,6 +27,7 @@ from service.store.journalling import JournalStore
 from service.store.retention import Limits
 from service.zone.plumbing import Plumbing
 from service.zone.questions import THREADS, Questions
+from service.zone.zone import Zone
 
 
 class RunningSite:
@@ -44,7 +45,7 @@ class RunningSite:
     ) -> None:
         """`threads` step the zones. `stopping` is set when the process begins to stop, and `stepping` surrounds every
         step (`Plumbing`)."""
-        self.zones = ZoneTable()
+        self.zones: Zones[Zone] = Zones()
         self.metrics = Metrics(self.zones, version("thermogate"))
         self.pool = ThreadPoolExecutor(threads, thread_name_prefix="estimator", initializer=stand_back)
         self._asking = ThreadPoolExecutor(THREADS, thread_name_prefix="asking", initializer=stand_back)

@@ -13,15 +13,14 @@ from service.store.journalling import JournalStore
 
 def instrument(metrics: Metrics, runtime: Runtime, store: JournalStore, sinks: Sequence[Sink]) -> None:
     """Register the figures of a daemon's parts with `metrics`."""
-    metrics.register(source_measures(runtime))
-    metrics.register(zone_measures(runtime))
+    metrics.register(_measures(runtime))
     for sink in sinks:
         metrics.register(sink.measures())
     metrics.register(store.measures())
 
 
-def source_measures(runtime: Runtime) -> list[Measure]:
-    """What the sources have delivered, by `source`."""
+def _measures(runtime: Runtime) -> list[Measure]:
+    """What the sources have delivered, by `source`, and what waits in the zones, by `zone`."""
 
     def tallied(field: str) -> Callable[[], Rows]:
         return lambda: [((name,), float(getattr(tally, field))) for name, tally in tuple(runtime.tallies.items())]
@@ -42,6 +41,9 @@ def source_measures(runtime: Runtime) -> list[Measure]:
     def last() -> Rows:
         return [((name,), tally.last) for name, tally in tuple(runtime.tallies.items()) if tally.last is not None]
 
+    def waiting() -> Rows:
+        return [((name,), float(zone.busy.waiting)) for name, zone in runtime.zones.items()]
+
     source, moment = ("source",), "thermogate_source_last_delivery_timestamp_seconds"
     return [
         Measure("thermogate_source_up", "gauge", "1 while it delivers", source, tallied("delivers")),
@@ -51,13 +53,5 @@ def source_measures(runtime: Runtime) -> list[Measure]:
         Measure("thermogate_source_late_polls", "counter", "Polls that came too late", source, counted("late")),
         Measure("thermogate_source_malformed", "counter", "What it could not use", (*source, "kind"), malformed),
         Measure(moment, "gauge", "When it last delivered", source, last),
+        Measure("thermogate_mailbox_depth", "gauge", "Samples waiting or under way", ("zone",), waiting),
     ]
-
-
-def zone_measures(runtime: Runtime) -> list[Measure]:
-    """What waits in the zones, by `zone`."""
-
-    def waiting() -> Rows:
-        return [((name,), float(zone.busy.waiting)) for name, zone in runtime.zones.items()]
-
-    return [Measure("thermogate_mailbox_depth", "gauge", "Samples waiting or under way", ("zone",), waiting)]

@@ -21,7 +21,7 @@ from service.daemon.supply.feeding import keep_time, watch_clock
 from service.daemon.supply.feeds import Feed, Tally
 from service.daemon.supply.weather import WeatherFeeds
 from service.daemon.tasks import end
-from service.daemon.zone_table import ZoneTable
+from service.daemon.zone_table import Zones
 from service.errors import ReloadRefused, ServiceError
 from service.zone.plumbing import Plumbing
 from service.zone.zone import Zone
@@ -48,7 +48,7 @@ class _Running(NamedTuple):
 class Runtime:
     """What the daemon runs. `zones` are always those that REST should show."""
 
-    def __init__(self, config: Config, zones: ZoneTable, plumbing: Plumbing) -> None:
+    def __init__(self, config: Config, zones: Zones[Zone], plumbing: Plumbing) -> None:
         self.config = config
         self.zones = zones
         self.tallies: dict[str, Tally] = {}

@@ -9,9 +9,9 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Mapping
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
-from service.records.status import Busy
+from service.zone.zone import Zone
 
 LOOK_SECONDS = 1.0
 """How often it is looked."""
@@ -22,13 +22,6 @@ JOURNAL_SECONDS = 60.0
 HUNG_SECONDS = 300.0
 """What one sample may take, or the estimator's threads to answer: the first sample after an installation compiles the
 numerical kernels, on a small machine for minutes."""
-
-
-class Working(Protocol):
-    """A zone, as far as it matters here."""
-
-    @property
-    def busy(self) -> Busy: ...
 
 
 class Organ(NamedTuple):
@@ -42,7 +35,7 @@ class Organ(NamedTuple):
 class Vitals:
     """Looks after the organs and the zones; `run` for as long as the daemon lives."""
 
-    def __init__(self, zones: Mapping[str, Working], organs: tuple[Organ, ...], patience: float = HUNG_SECONDS) -> None:
+    def __init__(self, zones: Mapping[str, Zone], organs: tuple[Organ, ...], patience: float = HUNG_SECONDS) -> None:
         self._zones, self._organs, self._patience = zones, organs, patience
         self._asked: dict[str, tuple[asyncio.Future[object], float]] = {}
         """The question that an organ has not answered yet, and since when (monotonic s)."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import ItemsView, Iterator, KeysView, Mapping, ValuesView
 from typing import TypeVar
 
-from service.zone.zone import Zone
-
 AnyZone = TypeVar("AnyZone")
 
 
@@ -41,7 +39,3 @@ class Zones(Mapping[str, AnyZone]):
 
     def items(self) -> ItemsView[str, AnyZone]:
         return self._zones.items()
-
-
-class ZoneTable(Zones[Zone]):
-    """The zones of this process."""

@@ -29,6 +29,7 @@ from pydantic_core import from_json
 from adapters.fields.values import IDENTIFIER
 from service.errors import BackupError
 from service.store.checkpoint import CheckpointStore
+from service.store.database import other_version
 from service.store.durable_files import make_folder, sync_folder, write_file
 from service.store.journal_file import SCHEMA_VERSION, schema_problem
 from service.store.ownership import as_owner_of, database, open_plain
@@ -238,8 +239,8 @@ def _check_journal(path: Path, backup: Path) -> None:
     """BackupError where the journal at `path`, out of `backup`, is none that a daemon would open."""
     with database(path, "rw") as journal:
         (schema,) = journal.execute("PRAGMA user_version").fetchone()
-        if schema > SCHEMA_VERSION:
-            raise BackupError(f"the journal in {backup} has schema {schema} of a newer Thermogate; upgrade Thermogate")
+        if schema != SCHEMA_VERSION:
+            raise BackupError(other_version(f"the journal in {backup}", schema, SCHEMA_VERSION, "backup"))
         if (problem := schema_problem(journal)) is not None:
             raise BackupError(f"{backup} is damaged, or made to do damage: its journal {problem}; use another backup")
 

@@ -20,7 +20,7 @@ import zipfile
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ import numpy.typing as npt
 
 from adapters.fields.values import IDENTIFIER
 from service.errors import CheckpointError, StateMismatch
-from service.store.durable_files import make_folder, sync_folder, write_file
+from service.store.durable_files import TEMPORARY, make_folder, replace_file, sync_folder
 from service.store.ownership import open_plain
 
 FORMAT_VERSION = 1
@@ -42,7 +42,6 @@ KEPT = 3
 _HEADER = "header"
 _DIGEST = "digest"
 _ARRAY = "array."
-_TEMPORARY = ".tmp"
 
 DAMAGE = (
     zipfile.BadZipFile,
@@ -125,7 +124,7 @@ class Checkpoints(ABC):
         """The step of the oldest kept checkpoint of `zone`; None if there is none."""
 
     @abstractmethod
-    def set_aside(self, zone: str, after: int = BEGINNING - 1) -> object:
+    def set_aside(self, zone: str, after: int = BEGINNING - 1) -> None:
         """Set those aside that were taken later than `after`; by itself all of them."""
 
     @abstractmethod
@@ -170,34 +169,21 @@ class CheckpointStore(Checkpoints):
         self.path = directory
 
     def save(self, zone: str, checkpoint: Checkpoint, *, keep_all: bool = False) -> Path:
-        """Write `checkpoint`, durable on return, and remove the oldest ones, unless to `keep_all`; returns its file."""
+        """As all checkpoints; returns its file."""
         folder = self.path / zone
         target = folder / f"{checkpoint.step:012d}.npz"
         content = encode(checkpoint._replace(zone=zone))
-        temporary = target.with_name(f"{target.name}{_TEMPORARY}")
         with _told(f"the checkpoint {target} cannot be written", "free space on its disk and make its folder writable"):
             make_folder(folder)
-            _remove_leftovers(folder)
-            try:
-                write_file(temporary, content)
-                temporary.replace(target)
-            except OSError:
-                # On a full disk the half of a checkpoint would take the place that the journal needs.
-                with suppress(OSError):
-                    temporary.unlink(missing_ok=True)
-                raise
+            for half in folder.glob(f"*{TEMPORARY}"):
+                # A crash in the middle of a write has left it behind.
+                half.unlink()
+            replace_file(target, content)
             # Only when the new one cannot be lost any more may an old one go.
             sync_folder(folder)
             for old in [] if keep_all else _newest_first(folder)[KEPT:]:
                 old.unlink()
         return target
-
-    def load(self, zone: str, fingerprint: str) -> Checkpoint | None:
-        """As all checkpoints are; a damaged one is renamed to `.corrupt`."""
-        folder = self.path / zone
-        with _told(f"the checkpoints in {folder} cannot be read", "make the folder readable and writable"):
-            _remove_leftovers(folder)
-            return super().load(zone, fingerprint)
 
     def files(self, zone: str) -> list[Path]:
         """The kept checkpoints of `zone`, newest first."""
@@ -229,26 +215,26 @@ class CheckpointStore(Checkpoints):
         kept = self.files(zone)
         return int(kept[-1].stem) if kept else None
 
-    def set_aside(self, zone: str, after: int = BEGINNING - 1) -> Path | None:
-        """As all checkpoints; in a folder of their own, which is returned; None if there are none."""
+    def set_aside(self, zone: str, after: int = BEGINNING - 1) -> None:
+        """As all checkpoints; in a folder of their own."""
         folder = self.path / zone
         files = [path for path in _newest_first(folder) if int(path.stem) > after]
         aside = folder / f"reset-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}"
         if not files:
-            return None
+            return
         with _told(f"the checkpoints in {folder} cannot be set aside", "make the folder writable"):
             aside.mkdir()
             for path in files:
                 path.rename(aside / path.name)
             sync_folder(aside)
             sync_folder(folder)
-        return aside
 
     def _set_damaged_aside(self, zone: str, found: Found) -> None:
         path = Path(str(found.where))
         aside = path.with_name(f"{path.name}.corrupt")
-        path.replace(aside)
-        sync_folder(path.parent)
+        with _told(f"the damaged checkpoint {path} cannot be set aside", "make its folder writable"):
+            path.replace(aside)
+            sync_folder(path.parent)
         _log.warning(
             "checkpoint %s is damaged (%s); set aside as %s, using the one before", path, found.damage, aside.name
         )
@@ -338,9 +324,3 @@ def _newest_first(folder: Path) -> list[Path]:
         key=lambda p: int(p.stem),
         reverse=True,
     )
-
-
-def _remove_leftovers(folder: Path) -> None:
-    """Remove what a crash in the middle of a write left behind."""
-    for path in folder.glob(f"*{_TEMPORARY}"):
-        path.unlink()

@@ -98,3 +98,15 @@ class Database(ABC):
     def own_zones(self) -> list[str] | None:
         """The zones that are this owner's; None: all."""
         return None
+
+
+def other_version(place: str, there: int, reads: int, elsewhere: str) -> str:
+    """What is told of a schema that is `there`, and not the one that this version `reads`."""
+    if there > reads:
+        return (
+            f"{place} has schema {there} of a newer Thermogate (this one reads {reads}); upgrade Thermogate, or use "
+            f"another {elsewhere}"
+        )
+    return (
+        f"{place} has schema {there} of an unreleased Thermogate, which this one does not read; use another {elsewhere}"
+    )

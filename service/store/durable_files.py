@@ -11,6 +11,10 @@ SPACE = "free space on its disk: what was set aside (reset-*, before-restore-*, 
 """The remedy for a full disk under a state folder."""
 
 
+TEMPORARY = ".tmp"
+"""How the name of a file ends until it is whole."""
+
+
 def make_folder(folder: Path) -> None:
     """Make `folder` and what is missing above it, durably; OSError where that fails.
 
@@ -44,7 +48,7 @@ def write_file(path: Path, content: bytes) -> None:
 
 def replace_file(path: Path, content: bytes) -> None:
     """As `write_file`, in one step: until then the file at `path` is as it was. What fails leaves nothing behind."""
-    temporary = path.parent / f".{path.name}.{secrets.token_hex(8)}"
+    temporary = path.parent / f".{path.name}.{secrets.token_hex(8)}{TEMPORARY}"
     try:
         write_file(temporary, content)
         temporary.replace(path)

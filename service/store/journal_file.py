@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from service.errors import JournalError
-from service.store.database import SCHEMA, Cursor, Database, Result
+from service.store.database import SCHEMA, Cursor, Database, Result, other_version
 from service.store.durable_files import SPACE, make_folder
 
 SCHEMA_VERSION = 3
@@ -148,32 +148,27 @@ def schema_problem(connection: sqlite3.Connection) -> str | None:
     """What in the file is no part of a journal, such as a trigger, which would run with every write; or is missing.
     None if all is as it should be."""
     there, expected = _schema(connection), _expected_schema()
-    if strange := [entry for entry in there if entry not in expected]:
-        return f"has the {strange[0].kind} '{strange[0].name[:40]}', which does not belong into it"
-    missing = [entry for entry in expected if entry not in there]
-    return f"lacks the table '{missing[0].name}'" if missing else None
+    for kind, name, _ in (entry for entry in there if entry not in expected):
+        return f"has the {kind} '{name[:40]}', which does not belong into it"
+    for _, name, _ in (entry for entry in expected if entry not in there):
+        return f"lacks the table '{name}'"
+    return None
 
 
-class _Entry(NamedTuple):
-    """A table, index, view or trigger, and the statement that makes it, with single blanks."""
-
-    kind: str
-    name: str
-    statement: str
-
-
-def _schema(connection: sqlite3.Connection) -> list[_Entry]:
+def _schema(connection: sqlite3.Connection) -> list[tuple[str, str, str]]:
+    """Kind and name of every table, index, view and trigger, and the statement that makes it, with single blanks."""
     # As bytes: what a damaged disk makes of text may be none. The table `unchecked` is of no use since all rows have
     # checksums; journals of before have it.
     rows = connection.execute(
         "SELECT CAST(type AS BLOB), CAST(name AS BLOB), CAST(coalesce(sql, '') AS BLOB) FROM sqlite_master "
         "WHERE type != 'table' OR name != 'unchecked'"
-    ).fetchall()
-    return [_Entry(*(" ".join(text.decode("utf-8", "replace").split()) for text in row)) for row in rows]
+    )
+    words = [[" ".join(text.decode("utf-8", "replace").split()) for text in row] for row in rows]
+    return [(kind, name, statement) for kind, name, statement in words]
 
 
 @cache
-def _expected_schema() -> list[_Entry]:
+def _expected_schema() -> list[tuple[str, str, str]]:
     """What a journal made by this version consists of."""
     with closing(sqlite3.connect(":memory:")) as model:
         model.executescript(SCHEMA)
@@ -185,23 +180,18 @@ def _prepare(connection: sqlite3.Connection, path: Path) -> None:
     connection.execute("PRAGMA trusted_schema = OFF")
     version = connection.execute("PRAGMA user_version").fetchone()[0]
     empty = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0
-    if version > SCHEMA_VERSION:
-        raise JournalError(
-            f"the journal {path} has schema {version} of a newer Thermogate (this one reads {SCHEMA_VERSION}); "
-            "upgrade Thermogate or use another state_dir"
-        )
     if version == 0 and not empty:
         raise JournalError(f"{path} is an SQLite file, but not a Thermogate journal; use another state_dir")
-    if 0 < version < SCHEMA_VERSION:
-        raise JournalError(
-            f"the journal {path} has schema {version} of an unreleased Thermogate, which this one does not read; use "
-            "another state_dir"
-        )
+    if version not in (0, SCHEMA_VERSION):
+        raise JournalError(other_version(f"the journal {path}", version, SCHEMA_VERSION, "state_dir"))
     if empty:
         # Only a file that is made with this can give space back to the disk later.
         connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
-    else:
-        _check_schema(connection, path)
+    elif (problem := schema_problem(connection)) is not None:
+        raise JournalError(
+            f"the journal {path} {problem}, as no Thermogate writes it; restore a backup from before, or move it away: "
+            "the zones go on from their checkpoints with an empty history"
+        )
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = FULL")
     connection.execute(f"PRAGMA journal_size_limit = {LOG_LIMIT}")
@@ -235,14 +225,6 @@ def _has_lost_commits(connection: sqlite3.Connection, path: Path) -> bool:
                 return True
             log.seek(page, os.SEEK_CUR)
     return False
-
-
-def _check_schema(connection: sqlite3.Connection, path: Path) -> None:
-    if (problem := schema_problem(connection)) is not None:
-        raise JournalError(
-            f"the journal {path} {problem}, as no Thermogate writes it; restore a backup from before, or move it away: "
-            "the zones go on from their checkpoints with an empty history"
-        )
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from service.errors import JournalError, ServiceError
 from service.store.checkpoint import Checkpoint, Checkpoints, CheckpointStore
+from service.store.database import other_version
 from service.store.journal import Journal
 from service.store.journal_file import SCHEMA_VERSION, JournalFile, translated
 from service.store.store import CHECKPOINTS, JOURNAL
@@ -53,10 +54,7 @@ def read_state(state_dir: Path) -> Iterator[StoredState]:
         with translated(path):
             (version,) = connection.execute("PRAGMA user_version").fetchone()
         if version != SCHEMA_VERSION:
-            remedy = (
-                "upgrade Thermogate" if version > SCHEMA_VERSION else "run the daemon on it once, which upgrades it"
-            )
-            raise JournalError(f"the journal {path} has schema {version}, and this reads {SCHEMA_VERSION}; {remedy}")
+            raise JournalError(other_version(f"the journal {path}", version, SCHEMA_VERSION, "state_dir"))
         yield StoredState(Journal(JournalFile(connection, path)), CheckpointStore(state_dir / CHECKPOINTS))
     finally:
         connection.close()

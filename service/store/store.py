@@ -51,7 +51,6 @@ class Store(JournalStore):
         super().__init__(Journal(database), CheckpointStore(state_dir / CHECKPOINTS), state_dir)
 
     def measures(self) -> list[Measure]:
-        """What metrics tell of the store."""
         text = "Size of the journal with its write-ahead log"
 
         def read() -> Rows:
@@ -60,7 +59,6 @@ class Store(JournalStore):
         return [Measure("thermogate_journal_bytes", "gauge", text, (), read)]
 
     def close(self) -> None:
-        """Flush and close the journal and release the lock; safe to call twice."""
         try:
             super().close()
         finally:

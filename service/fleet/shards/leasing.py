@@ -108,7 +108,6 @@ class LeasedSink(Sink):
         self._sink.remove(zone)
 
     def publish(self, announcement: Announcement) -> None:
-        """Pass on what a zone has to tell."""
         if self._leased.held:
             self._sink.publish(announcement)
 

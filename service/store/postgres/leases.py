@@ -107,15 +107,47 @@ class Leases:
         self._database.close()
 
 
-class Fence:
-    """What the owner of `lease` may write to."""
+class LeasedDatabase(PostgresDatabase):
+    """The tables of `site`, of which those zones are this owner's that belong to `lease`."""
 
-    def __init__(self, lease: Lease) -> None:
+    def __init__(self, connection: str, site: str, lease: Lease) -> None:
+        super().__init__(connection, site)
         self.lease = lease
         self.lost: str | None = None
         """Why nothing can be written any more; None while the lease is held."""
 
-    def held(self, cursor: Cursor, zones: Collection[str] = ()) -> set[str]:
+    def take(self, cursor: Cursor, zone: str) -> None:
+        """Make `zone` one of the lease. Fenced while another lease that has not expired holds it."""
+        self._held(cursor, ())
+        cursor.execute("INSERT INTO zones (zone, fingerprint) VALUES (?, '') ON CONFLICT DO NOTHING", zone)
+        name, epoch = cursor.execute("SELECT lease, epoch FROM zones WHERE zone = ? FOR UPDATE", zone).fetchone()
+        if (name, epoch) == (self.lease.name, self.lease.epoch):
+            return
+        if name is not None and name != self.lease.name:
+            _overcome(cursor, zone, name, epoch)
+        cursor.execute("UPDATE zones SET lease = ?, epoch = ? WHERE zone = ?", self.lease.name, self.lease.epoch, zone)
+
+    def give_up(self, cursor: Cursor, zone: str) -> None:
+        name, _, epoch, _ = self.lease
+        cursor.execute("UPDATE zones SET lease = NULL WHERE zone = ? AND lease = ? AND epoch = ?", zone, name, epoch)
+
+    def writable(self, cursor: Cursor, zones: Collection[str], wanted: Collection[str]) -> Collection[str]:
+        held = self._held(cursor, {*zones, *wanted})
+        if others := sorted(set(zones) - held):
+            shown = listed([f"'{zone}'" for zone in others], 3)
+            raise Fenced(
+                f"zone {shown} is not held by the lease '{self.lease.name}' of {self.lease.owner} (epoch "
+                f"{self.lease.epoch}), so nothing is written to it; it has gone to another owner, or was not claimed",
+                others,
+            )
+        return held
+
+    def own_zones(self) -> list[str]:
+        name, _, epoch, _ = self.lease
+        query = "SELECT zone FROM zones WHERE lease = ? AND epoch = ? ORDER BY zone"
+        return [zone for (zone,) in self.read(query, name, epoch)]
+
+    def _held(self, cursor: Cursor, zones: Collection[str]) -> set[str]:
         """Those of `zones` that may be written to in this transaction; Fenced if the lease is lost."""
         rows = cursor.execute(
             "SELECT zone FROM leases LEFT JOIN zones ON lease = name AND zones.epoch = leases.epoch AND zone = ANY(?) "
@@ -130,65 +162,19 @@ class Fence:
             raise Fenced(self.lost)
         return {zone for (zone,) in rows if zone is not None}
 
-    def required(self, cursor: Cursor, zones: Collection[str], wanted: Collection[str] = ()) -> set[str]:
-        """All `zones`, and those `wanted` that may be written to; Fenced where one of `zones` may not."""
-        held = self.held(cursor, {*zones, *wanted})
-        if others := sorted(set(zones) - held):
-            shown = listed([f"'{zone}'" for zone in others], 3)
-            raise Fenced(
-                f"zone {shown} is not held by the lease '{self.lease.name}' of {self.lease.owner} (epoch "
-                f"{self.lease.epoch}), so nothing is written to it; it has gone to another owner, or was not claimed",
-                others,
-            )
-        return held
 
-    def take(self, cursor: Cursor, zone: str) -> None:
-        """Make `zone` one of the lease. Fenced while another lease that has not expired holds it."""
-        self.held(cursor)
-        cursor.execute("INSERT INTO zones (zone, fingerprint) VALUES (?, '') ON CONFLICT DO NOTHING", zone)
-        name, epoch = cursor.execute("SELECT lease, epoch FROM zones WHERE zone = ? FOR UPDATE", zone).fetchone()
-        if (name, epoch) == (self.lease.name, self.lease.epoch):
-            return
-        if name is not None and name != self.lease.name:
-            self._overcome(cursor, zone, name, epoch)
-        cursor.execute("UPDATE zones SET lease = ?, epoch = ? WHERE zone = ?", self.lease.name, self.lease.epoch, zone)
-
-    def _overcome(self, cursor: Cursor, zone: str, name: str, epoch: int) -> None:
-        """Make sure that the lease `name` in its `epoch` can write to nothing."""
-        query = f"SELECT owner, {_LEFT} FROM leases WHERE name = ? AND epoch = ? AND owner IS NOT NULL FOR UPDATE"
-        row = cursor.execute(query, name, epoch).fetchone()
-        if row is None:
-            return
-        owner, left = row
-        if left > 0:
-            raise Fenced(
-                f"zone '{zone}' belongs to the lease '{name}' of {owner} for {left:.0f} s more; wait, or stop it",
-                [zone],
-            )
-        cursor.execute("UPDATE leases SET owner = NULL, epoch = epoch + 1 WHERE name = ?", name)
-
-
-class LeasedDatabase(PostgresDatabase):
-    """The tables of `site`, of which the zones of a lease are this owner's, as far as `fence` lets it."""
-
-    def __init__(self, connection: str, site: str, fence: Fence) -> None:
-        super().__init__(connection, site)
-        self.fence = fence
-
-    def take(self, cursor: Cursor, zone: str) -> None:
-        self.fence.take(cursor, zone)
-
-    def give_up(self, cursor: Cursor, zone: str) -> None:
-        name, _, epoch, _ = self.fence.lease
-        cursor.execute("UPDATE zones SET lease = NULL WHERE zone = ? AND lease = ? AND epoch = ?", zone, name, epoch)
-
-    def writable(self, cursor: Cursor, zones: Collection[str], wanted: Collection[str]) -> Collection[str]:
-        return self.fence.required(cursor, zones, wanted)
-
-    def own_zones(self) -> list[str]:
-        name, _, epoch, _ = self.fence.lease
-        query = "SELECT zone FROM zones WHERE lease = ? AND epoch = ? ORDER BY zone"
-        return [zone for (zone,) in self.read(query, name, epoch)]
+def _overcome(cursor: Cursor, zone: str, name: str, epoch: int) -> None:
+    """Make sure that the lease `name`, which holds `zone` in its `epoch`, can write to nothing."""
+    query = f"SELECT owner, {_LEFT} FROM leases WHERE name = ? AND epoch = ? AND owner IS NOT NULL FOR UPDATE"
+    row = cursor.execute(query, name, epoch).fetchone()
+    if row is None:
+        return
+    owner, left = row
+    if left > 0:
+        raise Fenced(
+            f"zone '{zone}' belongs to the lease '{name}' of {owner} for {left:.0f} s more; wait, or stop it", [zone]
+        )
+    cursor.execute("UPDATE leases SET owner = NULL, epoch = epoch + 1 WHERE name = ?", name)
 
 
 def _lost(lease: Lease) -> str:

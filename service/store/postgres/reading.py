@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
 from service.errors import JournalError, ServiceError
+from service.store.database import other_version
 from service.store.journal import Journal
 from service.store.postgres.checkpoints import PostgresCheckpoints
 from service.store.postgres.database import PostgresDatabase
-from service.store.postgres.schema import SCHEMA_VERSION, another_version, applied
+from service.store.postgres.schema import SCHEMA_VERSION, applied
 from service.store.reading import StoredState
 
 
@@ -27,5 +28,5 @@ def read_site(connection: str, site: str) -> Iterator[StoredState]:
                 "runs with"
             )
         if version != SCHEMA_VERSION:
-            raise JournalError(another_version(database, version))
+            raise JournalError(other_version(database.place, version, SCHEMA_VERSION, "database"))
         yield StoredState(Journal(database), PostgresCheckpoints(database))

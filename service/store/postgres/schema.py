@@ -7,7 +7,7 @@ import zlib
 from importlib.metadata import version
 
 from service.errors import JournalError
-from service.store.database import SCHEMA, Cursor
+from service.store.database import SCHEMA, Cursor, other_version
 from service.store.postgres.database import PostgresDatabase
 
 SCHEMA_VERSION = 2
@@ -39,20 +39,7 @@ def prepare(database: PostgresDatabase) -> None:
     if applied(database) == 0:
         database.transaction(lambda cursor: _create(cursor, database))
     if (there := applied(database)) != SCHEMA_VERSION:
-        raise JournalError(another_version(database, there))
-
-
-def another_version(database: PostgresDatabase, there: int) -> str:
-    """What is told of tables of the version that is `there`, which this one does not read."""
-    if there > SCHEMA_VERSION:
-        return (
-            f"{database.place} has version {there} of a newer Thermogate (this one reads {SCHEMA_VERSION}); upgrade "
-            "Thermogate, or use another database"
-        )
-    return (
-        f"{database.place} has version {there} of an unreleased Thermogate, which this one does not read; drop the "
-        "schema to begin anew, or use another database"
-    )
+        raise JournalError(other_version(database.place, there, SCHEMA_VERSION, "database"))
 
 
 def warn_of_unsafe_commits(database: PostgresDatabase) -> None:

@@ -6,7 +6,7 @@ from service.records.measures import Measure, single
 from service.store.journal import Journal
 from service.store.journalling import JournalStore
 from service.store.postgres.checkpoints import PostgresCheckpoints
-from service.store.postgres.leases import Fence, Lease, LeasedDatabase
+from service.store.postgres.leases import Lease, LeasedDatabase
 from service.store.postgres.schema import prepare, warn_of_unsafe_commits
 
 
@@ -23,15 +23,15 @@ class PostgresStore(JournalStore):
 
     def __init__(self, connection: str, site: str, lease: Lease) -> None:
         """Opens it, and creates the tables. Raises ServiceError with the remedy where that fails."""
-        self.fence = Fence(lease)
-        self.database = LeasedDatabase(connection, site, self.fence)
+        self.database = LeasedDatabase(connection, site, lease)
         try:
             prepare(self.database)
             warn_of_unsafe_commits(self.database)
         except BaseException:
             self.database.close()
             raise
-        self._kept = PostgresCheckpoints(LeasedDatabase(connection, site, self.fence))
+        self._beside = LeasedDatabase(connection, site, lease)
+        self._kept = PostgresCheckpoints(self._beside)
         super().__init__(Journal(self.database), self._kept, self.database.place)
 
     async def give_up(self, zone: str) -> None:
@@ -39,16 +39,14 @@ class PostgresStore(JournalStore):
         await self.run(self.journal.give_up, zone)
 
     def problems(self) -> list[str]:
-        """What keeps the store from accepting anything; nothing if all is well."""
-        return [*super().problems(), *([] if self.fence.lost is None else [self.fence.lost])]
+        lost = self.database.lost or self._beside.lost
+        return [*super().problems(), *([] if lost is None else [lost])]
 
     def measures(self) -> list[Measure]:
-        """What metrics tell of the store."""
         text = "Size of samples, history and readings of the site"
         return [Measure("thermogate_journal_bytes", "gauge", text, (), lambda: single(float(self.known_size)))]
 
     def close(self) -> None:
-        """Make durable what was recorded, and close the connections; safe to call twice."""
         try:
             super().close()
         finally:

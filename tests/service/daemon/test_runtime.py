@@ -9,12 +9,13 @@ from pathlib import Path
 import pytest
 from support.config_samples import HEADER, sound, write
 from support.running_zone import plumbing
+from support.waiting import until
 
 from adapters.fields.times import parse_time, utc
 from service.config.load import load
 from service.config.site import Config
 from service.daemon.runtime import Runtime
-from service.daemon.zone_table import ZoneTable
+from service.daemon.zone_table import Zones
 
 FIRST = parse_time("2025-05-03T00:00:00Z")
 
@@ -40,13 +41,11 @@ def record(folder: Path, rows: range, silent: range) -> None:
 async def lived(config: Config, state: Path) -> list[str]:
     """Every sample that the journal holds after the zones have taken in the recording and were stopped."""
     async with plumbing(state) as shared:
-        runtime = Runtime(config, ZoneTable(), shared)
+        runtime = Runtime(config, Zones(), shared)
         await runtime.restore()
         runtime.start_zones()
         await runtime.start_feeds()
-        async with asyncio.timeout(120):
-            while not all(feed.over for feed in runtime.feeds):
-                await asyncio.sleep(0.01)
+        await until(lambda: all(feed.over for feed in runtime.feeds))
         await runtime.stop_feeds()
         await runtime.drain()
         samples = await shared.store.samples_after("living", None)

@@ -163,7 +163,7 @@ def test_a_lease_is_not_taken_in_the_middle_of_a_transaction_and_renewed_meanwhi
     writing, told = threading.Event(), threading.Event()
 
     def work(cursor: Any) -> None:
-        store.fence.required(cursor, ["z"])
+        store.database.writable(cursor, ["z"], ())
         writing.set()
         assert told.wait(180)
         cursor.execute("UPDATE samples SET skipped = ?", "late")
@@ -200,7 +200,7 @@ def test_an_owner_that_froze_in_the_middle_of_a_transaction_keeps_nobody_waiting
     waited = threading.Event()
 
     def work(cursor: Any) -> None:
-        store.fence.required(cursor, ["z"])
+        store.database.writable(cursor, ["z"], ())
         if not waited.is_set():
             assert shards.leases.acquire("shard", "node-2", LONG).epoch == 2
             waited.set()

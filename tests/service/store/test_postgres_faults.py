@@ -89,9 +89,8 @@ async def every_sample(store: PostgresStore, zone: str) -> list[Sample]:
     return found
 
 
-@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGQUIT])
 async def test_nothing_is_lost_or_doubled_when_the_server_is_restarted(
-    fragile: Shards, sign: signal.Signals, caplog: pytest.LogCaptureFixture
+    fragile: Shards, caplog: pytest.LogCaptureFixture
 ) -> None:
     zones = [f"z{n}" for n in range(20)]
     written: dict[str, int] = dict.fromkeys(zones, -1)
@@ -109,10 +108,10 @@ async def test_nothing_is_lost_or_doubled_when_the_server_is_restarted(
     for zone in zones:
         await store.claim(zone, "f")
     feeds = [asyncio.create_task(feed(zone)) for zone in zones]
-    for restart in (True, True, False):
+    for sign in (signal.SIGINT, signal.SIGQUIT, None):
         before = min(written.values())
         await until(lambda before=before: min(written.values()) >= before + 3)
-        if restart:
+        if sign is not None:
             await asyncio.to_thread(fragile.server.stop, sign)
             await asyncio.to_thread(fragile.server.start)
     ended.set()
@@ -283,8 +282,8 @@ async def test_a_statement_that_takes_too_long_is_given_up(shards: Shards, monke
 def test_tables_of_another_version_are_refused(shards: Shards) -> None:
     assert shards.sql("SELECT version FROM {}.migrations") == [(2,)]
     for version, says in {
-        1: "has version 1 of an unreleased Thermogate, which this one does not read; drop the schema to begin anew",
-        99: r"has version 99 of a newer Thermogate \(this one reads 2\); upgrade Thermogate",
+        1: "has schema 1 of an unreleased Thermogate, which this one does not read; use another database",
+        99: r"has schema 99 of a newer Thermogate \(this one reads 2\); upgrade Thermogate",
     }.items():
         shards.sql(f"UPDATE {{}}.migrations SET version = {version}")
         for opened in (Leases, lambda *where: PostgresStore(*where, Lease("shard", "node", 1, 0.0))):
