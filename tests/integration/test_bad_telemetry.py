@@ -6,7 +6,6 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 from support import sites
-from support.harness import Daemon, thermogate
 
 FAULTS = {
     20: {"T_i": "warm"},
@@ -47,53 +46,23 @@ def rows(count, changes):
             yield ",".join(cells.values())
 
 
-@pytest.fixture
-def config(tmp_path):
+def test_every_kind_is_counted_and_the_zone_goes_on(tmp_path):
     sources, zones = {}, []
     columns = {name: {"column": name} for name in sites.UNITS}
     for name, changes in (("clean", {}), ("dirty", FAULTS)):
         (tmp_path / f"{name}.csv").write_text("\n".join(rows(60, changes)) + "\n")
         sources[name] = {"kind": "csv", "files": [f"{name}.csv"], "timestamp": {"column": "time"}}
         zones.append(sites.zone(name, name, columns, period="5min", estimator_options={"particles": 200}))
-    return sites.written(tmp_path, sources, zones)
-
-
-def test_every_kind_is_counted_and_the_zone_goes_on(config, tmp_path):
-    with Daemon(config, tmp_path / "log") as daemon:
-        daemon.wait_until_ended()
-        faults = {name: daemon.status(name)["faults"] for name in ("clean", "dirty")}
-        history, neighbour = daemon.history("dirty"), daemon.history("clean")
-        status, forecast = daemon.get("/zones/dirty/forecast")
-        assert daemon.terminate() == 0
-        assert "Traceback" not in daemon.log()
-    assert faults == {"clean": {}, "dirty": KINDS}
-    assert status == 200
-    assert forecast["mean"] == pytest.approx(neighbour[-1]["y"], abs=1.0)
+    found = sites.replayed(sites.written(tmp_path, sources, zones), tmp_path / "out")
+    told = json.loads((tmp_path / "out" / "summary.json").read_text())["zones"]
+    assert {name: zone["faults"] for name, zone in told.items()} == {"clean": {}, "dirty": KINDS}
+    history, neighbour = found["dirty"], found["clean"]
     assert len(neighbour) == 60
     assert len(history) == 60, "missing outputs and held inputs are bridged"
+    assert history[-1]["mean"] == pytest.approx(neighbour[-1]["y"], abs=1.0)
     for row in history[1:]:
         assert math.isfinite(row["mean"])
         assert 0 < row["sd"] < 50
     # The row that no particle explains is flagged, not learned from.
     assert (history[30]["log_likelihood"], history[30]["gate"]) == (None, 0)
     assert history[31]["log_likelihood"] is not None
-    done = thermogate("replay", config, "--out", tmp_path / "out", "--zone", "dirty")
-    assert done.returncode == 0, done.stderr
-    replayed = json.loads((tmp_path / "out" / "summary.json").read_text())["zones"]
-    assert {name: zone["faults"] for name, zone in replayed.items()} == {"dirty": KINDS}
-
-
-def test_a_recording_that_vanishes_under_the_daemon_is_reported_and_retried(config, tmp_path):
-    """Only its own zone waits; the file comes back and the zone goes on."""
-    later = tmp_path / "later.csv"
-    later.write_text((tmp_path / "dirty.csv").read_text())
-    settings = {"sources.dirty.files": ["dirty.csv", "later.csv"], "sources.dirty.pace": 6000}
-    with Daemon(config, tmp_path / "log", settings) as daemon:
-        daemon.wait(lambda zones: zones["dirty"]["samples"] >= 1)
-        content = later.read_text()
-        later.unlink()
-        daemon.says(r"later\.csv.*trying again")
-        daemon.wait(lambda zones: zones["clean"]["samples"] == 60)
-        later.write_text(content)
-        daemon.wait_until_ended()
-        assert "Traceback" not in daemon.log()

@@ -28,8 +28,8 @@ from service.web.keys import create_key
 
 SITE = f"campus-{os.getpid()}"
 ROOMS = rooms(6)
-ROWS = 900
-PACE = 2400.0
+ROWS = 450
+PACE = 1200.0
 LEASE = 2.0
 POISONED, LIVE = "poisoned", "live"
 MEASURED = {"T_i": 21.5, "T_out": 4.25, "u_heat": 900.0}
@@ -303,7 +303,7 @@ def test_a_gateway_has_the_configuration_read_again(site: Site) -> None:
     site.config.write_text(f"{text}\nnonsense = 1\n", encoding="utf-8")
     status, refused = reload()
     assert (status, "nonsense" in refused["detail"]) == (409, True), refused
-    site.config.write_text(text.replace(f"pace = {PACE}", "pace = 1200.0"), encoding="utf-8")
+    site.config.write_text(text.replace(f"pace = {PACE}", "pace = 600.0"), encoding="utf-8")
     status, done = reload()
     assert (status, "changed" in done["done"]) == (200, True), done
     site.config.write_text(text, encoding="utf-8")

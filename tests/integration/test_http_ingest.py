@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from contextlib import closing
 from pathlib import Path
 
 from support import sites
@@ -11,6 +12,7 @@ from support.harness import Daemon, ask, reload
 from support.waiting import wait_until
 
 from service.store.journal import Journal
+from service.store.journal_file import JournalFile
 from service.web.keys import create_key
 
 
@@ -48,7 +50,7 @@ def lines(when: float) -> bytes:
     ).encode()
 
 
-def test_what_was_accepted_is_in_the_sample_although_the_daemon_was_killed(tmp_path: Path) -> None:
+def test_what_was_accepted_outlives_a_reload_and_a_kill(tmp_path: Path) -> None:
     with Fed(tmp_path, "2s") as daemon:
         while True:
             # Aligned, so that all of it is in one interval, and early in it, so that it is still open.
@@ -67,24 +69,19 @@ def test_what_was_accepted_is_in_the_sample_although_the_daemon_was_killed(tmp_p
         again.wait(lambda zones: (zones["office"]["last_sample_time"] or "") >= seen)
         # Its interval has closed meanwhile; it is known all the same.
         assert again.take(lines(when))["repeated"] == 2
+        # Of intervals that stay open for hours, over a reload that starts the zone anew.
+        config = again.config.read_text()
+        for lateness, known in (("3h", 0), ("4h", 2)):
+            again.config.write_text(config.replace('period = "2s"', f'period = "2s"\nlateness = "{lateness}"'))
+            reload(again, "changed office")
+            when = when if known else time.time()
+            assert again.take(lines(when))["repeated"] == known
         assert again.status("office")["faults"] == {}
-        again.terminate()
-    journal = Journal.open(tmp_path / "state" / "journal.sqlite3")
-    (sample,) = (each for each in journal.samples_after("office", None) if each.time == interval)
-    journal.close()
-    assert (*sample.outputs, *sample.inputs) == (21.5, 5.5, 1500.0)
-
-
-def test_a_zone_that_a_reload_starts_anew_goes_on_with_what_it_had_accepted(tmp_path: Path) -> None:
-    """Its interval stays open all day."""
-    with Fed(tmp_path, "1d") as daemon:
-        when = time.time() // 86400 * 86400 + 5.0
-        assert daemon.take(lines(when))["accepted"] == 2
-        daemon.config.write_text(daemon.config.read_text().replace('period = "1d"', 'period = "1d"\nlateness = "10s"'))
-        reload(daemon, "changed office")
-        assert daemon.take(lines(when))["repeated"] == 2
-        assert daemon.status("office")["faults"] == {}
         # Metrics and log tell of it.
-        wait_until(lambda: 'thermogate_source_up{source="telegraf"} 1.0' in daemon.text("/metrics"))
-        assert 'thermogate_source_readings_total{source="telegraf"}' in daemon.text("/metrics")
-        assert daemon.log().count("no channel asks for") == 1
+        wait_until(lambda: 'thermogate_source_up{source="telegraf"} 1.0' in again.text("/metrics"))
+        assert 'thermogate_source_readings_total{source="telegraf"}' in again.text("/metrics")
+        assert again.log().count("no channel asks for") == 1
+        again.terminate()
+    with closing(Journal(JournalFile.open(tmp_path / "state" / "journal.sqlite3"))) as journal:
+        (sample,) = (each for each in journal.samples_after("office", None) if each.time == interval)
+    assert (*sample.outputs, *sample.inputs) == (21.5, 5.5, 1500.0)

@@ -33,7 +33,7 @@ def test_what_grows_is_found_and_a_peak_is_no_growth() -> None:
 
 
 def test_the_real_daemon_is_watched_in_company() -> None:
-    found = soak(2.0, 600.0, 2, particles=60, every=0.5)
+    found = soak(1.0, 600.0, 2, particles=60, every=0.4)
     first, last = found.observations[0], found.observations[-1]
     assert len(found.observations) > 10
     assert last.samples > first.samples

@@ -5,6 +5,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 
+from support.waiting import until
 from support.zone_samples import comparable, worker
 
 from service.errors import ServiceError
@@ -91,14 +92,11 @@ async def fed(zone, items):
 
 async def finished(zone, running):
     await zone.intake.close()
-    async with asyncio.timeout(180):
-        await running
+    await running
 
 
 async def caught_up(zone, items):
-    async with asyncio.timeout(180):
-        while zone.now().status.last_sample_time != items[-1].time or zone.now().status.state != "running":
-            await asyncio.sleep(0.005)
+    await until(lambda: (zone.now().status.last_sample_time, zone.now().status.state) == (items[-1].time, "running"))
 
 
 def straight(items):

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from support.waiting import until
 
 pytest.importorskip("ray", reason="ray is not installed; say: make .venv/.fleet")
 
@@ -72,9 +73,7 @@ def test_a_question_is_given_up_with_its_client(monkeypatch: pytest.MonkeyPatch)
         client.gone.set()
         with pytest.raises(ServiceError, match="given up"):
             await asking
-        async with asyncio.timeout(5):
-            while not room.ended.is_set():
-                await asyncio.sleep(0.01)
+        await until(room.ended.is_set)
 
     with ThreadPoolExecutor(THREADS) as pool:
         try:

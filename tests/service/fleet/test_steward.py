@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from support.campus import small_site
+from support.waiting import until
 
 from service.config.load import load
 from service.errors import Away, ReloadRefused
@@ -172,12 +173,7 @@ async def test_it_finds_the_fleet_reloads_and_stops_it_in_order(
 
     life = asyncio.create_task(Steward("campus", reread).run(config))
 
-    async def comes(what: Any) -> None:
-        async with asyncio.timeout(20):
-            while not what():
-                await asyncio.sleep(0.01)
-
-    await comes(lambda: len(cluster.members) == 3)
+    await until(lambda: len(cluster.members) == 3)
     assert cluster.plan.version == 7, "nothing has changed"
     text = path.read_text(encoding="utf-8")
     for changed, problem in (("\nnonsense = 1\n", "nonsense"), ("", ""), ('\n[site]\nid = "other"\n', "site.id")):
@@ -186,12 +182,12 @@ async def test_it_finds_the_fleet_reloads_and_stops_it_in_order(
         )
         cluster.told.clear()
         cluster.wanting.add(GATEWAY)
-        await comes(lambda: cluster.told)
+        await until(lambda: cluster.told)
         done, problems = cluster.told[0]
         assert (problem in " ".join(problems), bool(done)) == (True, not problem)
     path.write_text(text.replace("shards = 2", "shards = 3"), encoding="utf-8")
     os.kill(os.getpid(), signal.SIGHUP)
-    await comes(lambda: "shard-2" in cluster.members)
+    await until(lambda: "shard-2" in cluster.members)
     os.kill(os.getpid(), signal.SIGTERM)
     await asyncio.wait_for(life, 20)
     assert cluster.members == set()

@@ -121,17 +121,6 @@ def test_a_folder_that_cannot_be_listed_is_not_an_empty_one(
             ask("living")
 
 
-def test_reset_sets_everything_aside(store: CheckpointStore) -> None:
-    assert store.set_aside("living") is None
-    content = store.save("living", make(1)).read_bytes()
-    aside = store.set_aside("living")
-    assert aside is not None
-    assert (aside / "000000000001.npz").read_bytes() == content
-    store.save("living", make(1, "another"))
-    assert store.load("living", "another") is not None
-    assert store.set_aside("living") not in (None, aside)
-
-
 def test_a_checkpoint_of_another_zone_is_not_taken(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """Zones alike have the same fingerprint."""
     store = CheckpointStore(tmp_path)

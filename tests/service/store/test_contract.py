@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -47,27 +46,6 @@ async def test_a_sample_is_durable_when_append_returns_bit_for_bit_and_only_once
 
     async with kept.opened() as store:
         assert [bits(one) for one in await store.samples_after("z", None)] == [bits(item), bits(none)]
-
-
-async def test_zones_whose_samples_come_at_once_share_commits(kept: Kept) -> None:
-    zones = [f"zone-{index}" for index in range(50)]
-
-    async with kept.opened() as store:
-        for zone in zones:
-            await store.claim(zone, "f")
-        commits, real = 0, store.journal.append_all  # type: ignore[attr-defined]
-
-        def append_all(accepted: Any) -> int:
-            nonlocal commits
-            commits += 1
-            return int(real(accepted))
-
-        store.journal.append_all = append_all  # type: ignore[attr-defined]
-        for step in (0, 1):
-            await asyncio.gather(*(store.append(zone, make_sample(step)) for zone in zones))
-        times = [await store.run(store.journal.last_sample_time, zone) for zone in zones]
-    assert times == [make_sample(1).time] * 50
-    assert commits <= 4
 
 
 async def test_one_who_is_stopped_does_not_take_the_commit_of_the_others_along(kept: Kept) -> None:
@@ -233,7 +211,9 @@ def checkpoint(step: int, fingerprint: str = "f") -> Checkpoint:
     return Checkpoint(fingerprint, step, {"x": np.arange(5.0) + step, "n": np.array(3)}, {"a": [1, None]}, {"b": "c"})
 
 
-async def test_the_newest_three_checkpoints_are_kept_whole(kept: Kept) -> None:
+async def test_the_newest_three_checkpoints_are_kept_whole_and_a_damaged_one_is_passed_over(
+    kept: Kept, caplog: pytest.LogCaptureFixture
+) -> None:
     async with kept.opened() as store:
         assert store.checkpoints.load("z", "f") is None
         before = store.checkpoints.oldest("z")
@@ -245,23 +225,14 @@ async def test_the_newest_three_checkpoints_are_kept_whole(kept: Kept) -> None:
         with pytest.raises(StateMismatch):
             store.checkpoints.load("z", "another")
         found = store.checkpoints.load("z", "f")
-    assert found is not None
-    assert (found.step, found.meta, found.about, found.zone) == (400, {"a": [1, None]}, {"b": "c"}, "z")
-    np.testing.assert_array_equal(found.arrays["x"], np.arange(5.0) + 400)
-
-
-async def test_the_one_before_a_damaged_checkpoint_is_used(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
-    async with kept.opened() as store:
-        for step in (100, 200, 300):
-            store.checkpoints.save("z", checkpoint(step))
-    kept.damage_checkpoint(300)
-
-    async with kept.opened() as store:
-        found = store.checkpoints.load("z", "f")
-        again = store.checkpoints.load("z", "f")
         assert found is not None
-        assert again is not None
-        assert (found.step, again.step) == (200, 200)
+        assert (found.step, found.meta, found.about, found.zone) == (400, {"a": [1, None]}, {"b": "c"}, "z")
+        np.testing.assert_array_equal(found.arrays["x"], np.arange(5.0) + 400)
+        kept.damage_checkpoint(400)
+        for _ in range(2):
+            again = store.checkpoints.load("z", "f")
+            assert again is not None
+            assert again.step == 300
     assert caplog.text.count("is damaged") == 1
 
 
@@ -353,29 +324,8 @@ async def test_a_zone_runs_on_it_and_goes_on_bit_for_bit(kept: Kept, tmp_path: P
     assert list(dict.fromkeys(announced)) == straight(items), "what was restored is announced once more"
     async with kept.opened("") as store:
         assert len(await store.run(store.journal.history, "z", None, None, 100)) == 60
-
-
-async def test_without_its_checkpoints_a_zone_learns_again_from_the_journal(kept: Kept, tmp_path: Path) -> None:
-    items = [sample(k) for k in range(30)]
-    for part in (items, []):
-        announcer = Announced()
-        async with plumbing(tmp_path, announcer, store=kept.open()) as shared:
-            zone = make(shared)
-            await finished(zone, await fed(zone, part))
-        async with kept.opened("") as store:
-            await store.claim("z", "mark")
-            await asyncio.to_thread(store.checkpoints.set_aside, "z", 0)
-        assert [comparable(update) for _, update in announcer.updates][-1:] == straight(items)[-1:]
-
-
-async def test_it_answers_and_has_no_problems(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.ERROR):
-        async with kept.opened() as store:
-            await store.run(int)
-            watching = asyncio.create_task(store.watch())
-            await store.run(int)
-            watching.cancel()
-            assert [measure.name for measure in store.measures()] == ["thermogate_journal_bytes"]
-            store.close()
-            assert store.problems() == []
-    assert not caplog.records
+        await store.claim("z", "mark")
+        await asyncio.to_thread(store.checkpoints.set_aside, "z", 0)
+    async with plumbing(tmp_path, announcer, store=kept.open()) as shared:
+        await finished(zone := make(shared), await fed(zone, []))
+    assert comparable(announcer.updates[-1][1]) == announced[-1], "without its checkpoints it learns from the journal"

@@ -144,12 +144,21 @@ def test_a_damaged_file_is_healed_or_told(
         assert outcome == (True, 40), "the one before and the journal make it good"
     elif file == "log":
         # What is not there any more is as after an earlier crash; what is there and damaged is told.
-        assert outcome.said or damage in ("empty", "half", "all but a byte")
+        told = f"{path} is damaged, and what was accepted last is lost behind that place" in caplog.text
+        assert told or damage in ("empty", "half", "all but a byte")
         assert outcome.samples is not None
         assert outcome.samples >= 28
     else:
         # A page of the journal may be one of which the log has a newer copy.
         assert outcome.said or outcome.samples == 40
+
+
+def test_without_its_journal_a_zone_goes_on_from_its_checkpoint(
+    crashed: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    shutil.copytree(crashed / "checkpoints", tmp_path / "state" / "checkpoints")
+    assert start(tmp_path / "state", caplog) == (True, 28)
+    assert "goes on from its checkpoint at 1970-01-01T02:15:00Z, but the journal ends before any" in caplog.text
 
 
 def damaged_at(path: Path, stride: int) -> Iterator[int]:

@@ -3,40 +3,20 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
 import pytest
-from support.fake_zones import START, make_sample, make_update
 
 from service.errors import JournalError
 from service.store.journal import Journal
+from service.store.journal_file import translated
 
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "state" / "journal.sqlite3"
-
-
-@pytest.fixture
-def journal(path: Path) -> Iterator[Journal]:
-    journal = Journal.open(path)
-    yield journal
-    journal.close()
-
-
-def test_writing_while_reading_samples(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.store.journal.PAGE", 2)
-    for step in range(5):
-        journal.append_all([("living", make_sample(step))])
-    seen = 0
-    for step, _ in enumerate(journal.samples_after("living", None)):
-        journal.record("living", make_update(step))
-        journal.flush()
-        seen += 1
-    assert seen == 5
-    assert len(journal.history("living", None, None, 10)) == 5
 
 
 def sql(statement: str) -> Callable[[Path], None]:
@@ -82,30 +62,21 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
         Journal.open(tmp_path / "file" / "journal.sqlite3")
 
 
-def test_a_full_disk_loses_nothing_that_was_recorded(path: Path, journal: Journal) -> None:
-    journal.append_all([("living", make_sample(0))])
-    ((pages,),) = journal.read("PRAGMA page_count")
-    journal.read(f"PRAGMA max_page_count = {pages}")
-    for step in range(100):
-        journal.record("living", make_update(step))
-    with pytest.raises(JournalError, match="free space on its disk"):
-        journal.append_all([("living", make_sample(1))])
-    assert journal.last_sample_time("living") == START
-    assert journal.history("living", None, None, 1000) == [], "what is there is read all the same"
-    assert journal.history_columns("living", 0, 2 * START, 1)[2] is None
-    journal.read("PRAGMA max_page_count = 100000")
-    assert journal.append_all([("living", make_sample(1))])
-    assert len(journal.history("living", None, None, 1000)) == 100
-
-
-def test_another_writer_is_named_as_the_cause(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.store.journal_file.BUSY_SECONDS", 0.05)
-    journal = Journal.open(path)
-    other = sqlite3.connect(path, isolation_level=None)
-    other.execute("BEGIN IMMEDIATE")
-    with pytest.raises(JournalError, match="stop the other process"):
-        journal.append_all([("living", make_sample(0))])
-    other.execute("ROLLBACK")
-    other.close()
-    assert journal.append_all([("living", make_sample(0))])
-    journal.close()
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    {
+        "SQLITE_FULL": "free space on its disk",
+        "SQLITE_BUSY_SNAPSHOT": "stop the other process that writes to it",
+        "SQLITE_LOCKED": "stop the other process that writes to it",
+        "SQLITE_READONLY_DIRECTORY": "make the file and its folder writable",
+        "SQLITE_CANTOPEN": "make its folder readable and writable",
+        "SQLITE_CORRUPT": "whether its disk has failed.*if the file itself is damaged",
+        "SQLITE_IOERR_READ": "check the disk it is on",
+    }.items(),
+)
+def test_what_sqlite_says_is_told_with_its_remedy(name: str, remedy: str, path: Path) -> None:
+    error = sqlite3.DatabaseError("as\n  SQLite has it")
+    error.sqlite_errorname = name
+    told = rf"the journal {path} failed \(as SQLite has it\); .*{remedy}"
+    with pytest.raises(JournalError, match=told), translated(path):
+        raise error

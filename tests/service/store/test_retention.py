@@ -18,7 +18,7 @@ from service.errors import CheckpointError
 from service.store.checkpoint import Checkpoint
 from service.store.journal import Journal
 from service.store.postgres.database import PostgresDatabase
-from service.store.retention import Limits, prune, prune_old
+from service.store.retention import Limits, prune
 from service.store.store import JOURNAL, Store
 
 STEP = 300
@@ -142,15 +142,6 @@ def test_what_was_reset_goes_before_anything_else_with_its_readings(journal: Jou
     pruned(journal, Limits(FOREVER, needed), oldest_checkpoint=990)
     assert steps_of(journal, "living")[0] == list(range(1000))
     assert journal.database.size() < needed
-
-
-def test_appends_come_in_between_the_slices(either: Journal) -> None:
-    fill(either, "living", 500)
-    for number, _ in enumerate(prune_old(either, lambda zone: FIRST + 490 * STEP, 10 * STEP)):
-        assert either.append_all([("living", make_sample(500 + number))])
-        assert number < 40
-    assert number >= 5, "50 rows at once at most"
-    assert steps_of(either, "living")[0][-1] == 500 + number
 
 
 def test_what_goes_for_its_age_goes_a_week_at_a_time_and_is_told(

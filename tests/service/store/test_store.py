@@ -6,20 +6,19 @@ import asyncio
 import errno
 import os
 import shutil
-import sqlite3
 import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from support.waiting import until
 from support.zone_samples import sample
 
 from service.errors import JournalError, ServiceError
 from service.records.series import Stretch
 from service.store import store as module
 from service.store.checkpoint import Checkpoint
-from service.store.journal_file import translated
 from service.store.series import bucket_of
 from service.store.store import Store
 from service.web.keys import create_key
@@ -84,12 +83,9 @@ async def test_a_folder_that_is_put_back_is_written_to_again(store: Store, monke
     monkeypatch.setattr(Store, "look_seconds", 0.01)
     watching = asyncio.create_task(store.watch())
     _move(store.path)
-    async with asyncio.timeout(60):
-        while not store.problems():
-            await asyncio.sleep(0.01)
-        store.path.with_name("moved").rename(store.path)
-        while store.problems():
-            await asyncio.sleep(0.01)
+    await until(store.problems)
+    store.path.with_name("moved").rename(store.path)
+    await until(lambda: not store.problems())
     watching.cancel()
     await store.append("z", sample(0))
     store.close()
@@ -122,14 +118,6 @@ def test_a_folder_that_every_account_can_enter_is_said(
     Store(tmp_path).close()
     assert ("say: chmod o= " in caplog.text) == warned
     assert stat.S_IMODE((tmp_path / "lock").stat().st_mode) == 0o600, "whoever can open it can hold it"
-
-
-def test_a_disk_that_fails_is_thought_of_before_the_file(tmp_path: Path) -> None:
-    error = sqlite3.DatabaseError("database disk image is malformed")
-    error.sqlite_errorname = "SQLITE_CORRUPT"
-    told = r"whether its disk has failed.*if the file itself is damaged"
-    with pytest.raises(JournalError, match=told), translated(tmp_path):
-        raise error
 
 
 def test_a_full_disk_is_refused_with_what_frees_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

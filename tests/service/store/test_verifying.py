@@ -18,7 +18,7 @@ from service.store.checkpoint import Checkpoint
 from service.store.store import CHECKPOINTS, JOURNAL, Store
 from service.store.verifying import verify
 
-STEPS = 2500
+STEPS = 600
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_what_is_sound_is_counted(sound: Path, capsys: pytest.CaptureFixture[str
         found = verify(path)
         assert found == (2, 2 * STEPS, 2 * STEPS, 2, 0, ())
         assert main(["verify", str(path)]) == 0
-        assert "sound; zones: 2, samples: 5000, rows of history: 5000, checkpoints: 2" in capsys.readouterr().out
+        assert "sound; zones: 2, samples: 1200, rows of history: 1200, checkpoints: 2" in capsys.readouterr().out
     assert sorted(path.name for path in sound.iterdir()) == ["kept.tar", "state"]
 
 

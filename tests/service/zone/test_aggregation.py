@@ -7,14 +7,6 @@ def test_the_default_rules_are_those_of_the_paper():
     assert [default_aggregate(unit) for unit in ("degC", "W", "W/m2", "persons")] == ["mean", "first", "mean", "mean"]
 
 
-@pytest.mark.parametrize("value", [0.1, 21.3, -7.7])
-@pytest.mark.parametrize("count", [3, 7, 30])
-def test_the_mean_of_equal_readings_is_that_reading(value, count):
-    span = Span([10.0 * k for k in range(count)], [value] * count, 0.0, 300.0)
-    assert AGGREGATES["mean"].combine(span) == value
-    assert AGGREGATES["time_weighted"].combine(span) == value
-
-
 def test_a_time_weighted_mean_counts_a_reading_until_the_next_one():
     span = Span([330.0, 360.0, 540.0], [9.0, 1.0, 5.0], 300.0, 600.0)
     assert AGGREGATES["time_weighted"].combine(span) == pytest.approx((9 * 30 + 1 * 180 + 5 * 60) / 270)

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 from support.running_zone import Announced, plumbing
+from support.waiting import until
 from support.zone_samples import PERIOD, comparable, worker
 
 import service.zone.intake
@@ -42,11 +43,6 @@ class Life:
     def __init__(self, zone, wall, running, store):
         self.zone, self.wall, self.running, self.store = zone, wall, running, store
 
-    async def settled(self):
-        """Until everything that was accepted is assimilated."""
-        async with asyncio.timeout(180):
-            await self.zone.settled()
-
     async def live(self, seconds, *, readings=True, step=60.0):
         """Let `seconds` pass: a reading of every channel each minute, and the zone is told the time."""
         for _ in range(int(seconds // step)):
@@ -57,7 +53,7 @@ class Life:
                 await self.zone.deliver("bms", [Reading(f"z/{name}", now, v) for name, v in values.items()], now)
             if self.zone.intake.is_due():
                 await self.zone.intake.keep_time()
-            await self.settled()
+            await self.zone.settled()
 
     async def set(self, seconds, settle=True):
         """Set the wall clock by `seconds`, and let the zone see that it stays so."""
@@ -232,10 +228,8 @@ def test_what_fails_half_way_is_done_again_with_the_same_result(tmp_path, monkey
                 # Once more from the same moment, so that all come to the same end.
                 life.wall.now = NOON + HOUR - PERIOD / 2 if attempt else life.wall.now - HOUR - PERIOD / 2
                 await life.live(SETTLING + 2.0, readings=False, step=1.0)
-                async with asyncio.timeout(180):
-                    while life.zone.now().status.state == "failed":
-                        await asyncio.sleep(0.005)
-                await life.settled()
+                await until(lambda: life.zone.now().status.state != "failed")
+                await life.zone.settled()
             life.wall.now = NOON + HOUR + 60.0
             await life.live(3 * PERIOD)
             assert life.zone.now().status.state == "running"

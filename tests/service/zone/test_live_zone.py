@@ -5,58 +5,14 @@ import logging
 
 import pytest
 from support.running_zone import make, plumbing
-from support.zone_samples import PERIOD, worker
 
 import service.daemon.supply.feeding
 from adapters.reading import Fault, Quality, Reading
-from estimator.network.presets import network
 from service.daemon.supply.feeding import keep_time, watch_clock
-from service.zone.alignment import Alignment, Rules
+from service.zone.alignment import Alignment
 from service.zone.clock import Clock
 from service.zone.health import state_and_reason
-from service.zone.worker import Progress, WorkerSettings, ZoneWorker
-
-TITE = network("tite")
-
-
-def alignment(**settings):
-    return Alignment(TITE, PERIOD, ["bms", "weather"], Rules(**settings))
-
-
-def readings(time, value=20.0, channels=TITE.channels):
-    return [Reading(channel, time, value) for channel in channels]
-
-
-def test_an_input_is_held_for_its_own_age():
-    estimator = worker(preset="tite").estimator
-    settings = WorkerSettings(5, (0.95,), 12, 300.0, {"T_out": 900.0})
-    zone = ZoneWorker(estimator, settings)
-    align = alignment()
-    align.add("bms", readings(10.0), 10.0)
-    (first,) = align.elapse(300.0)
-    zone.step(first)
-
-    def next_step(k):
-        align.add("bms", readings(k * PERIOD + 10.0, channels=["T_i", "u_heat"]), k * PERIOD + 10.0)
-        (sample,) = align.elapse((k + 1) * PERIOD)
-        return zone.step(sample)
-
-    held = [next_step(k) for k in (1, 2, 3)]
-    assert [update.forecast.inputs[0].held for update in held] == [True] * 3
-    assert [update.forecast.inputs[0].age for update in held] == [300.0, 600.0, 900.0]
-    assert [update.forecast.inputs[1].held for update in held] == [False] * 3
-    assert next_step(4) is None
-    assert zone.progress.stalled == "T_out is 1200 s old, older than its max_age = 900 s"
-
-
-def test_after_a_restart_with_a_clock_set_back_readings_are_counted_as_refused():
-    align = alignment(resume_after=10 * PERIOD, live=True)
-    align.add("bms", readings(9 * PERIOD + 5.0), 9 * PERIOD + 5.0)
-    assert align.faults["out_of_order"] == len(TITE.channels)
-    recorded = alignment(resume_after=10 * PERIOD)
-    recorded.add("bms", readings(9 * PERIOD + 5.0), 9 * PERIOD + 5.0)
-    assert not recorded.faults, "a recording is read again from the start, which is no fault"
-
+from service.zone.worker import Progress
 
 ENDED = "its recording has come to an end; the last forecast stands"
 TOMORROW = Progress(last_time=int(2e9) + 86400)

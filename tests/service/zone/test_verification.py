@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.thermostat_house import samples as house
 from support.zone_samples import PERIOD, sample, worker
 
 from service.records.sample import Sample
@@ -10,12 +11,8 @@ from service.zone.worker import ZoneWorker
 DAY = 86400 // PERIOD
 
 
-def of_a_room(estimator, period, options):
-    """A worker of a room with a heater."""
-    return worker(estimator, "tite", period, hold_inputs=2.0 * period, **options)
-
-
-def stepped(zone, temperatures):
+def stepped(temperatures):
+    zone = worker("mkf", "tite", 600, hold_inputs=1200.0, particles=20)
     for k, y in enumerate(temperatures):
         zone.step(Sample.measured(k * zone.period, np.array([y]), np.array([5.0, 600.0 * (k % 5 < 2)])))
     return zone
@@ -65,38 +62,24 @@ def test_a_gap_ends_what_was_pending_and_keeps_what_was_verified():
     assert by_lead(zone, 7)[3600].forecasts > before
 
 
-@pytest.mark.parametrize(("hours", "leads"), [(1, [1, 6, 24]), (2, [2, 6, 24]), (6, [6, 24]), (24, [24])])
-def test_an_hour_that_is_no_longer_than_one_step_is_that_step(hours, leads):
-    members = {"steady": {"estimator": "ekf"}, "arx": {"estimator": "arx"}}
-    zone = of_a_room("bank", 3600 * hours, {"members": members})
-    stepped(zone, 20.0 + 0.3 * np.sin(np.arange(40) / 9))
-    found = zone.skill()
-    for window in [one.horizons for one in found.windows]:
-        assert [one.lead for one in window] == [3600 * lead for lead in leads]
-    assert found.over(30)[0].forecasts > 0
-    # A bank tells the weights of its members horizon by horizon.
-    assert {len(one.weights) for one in found.members} == {len(leads)}
+def test_a_gap_drops_what_was_pending_of_a_thermostat_and_keeps_what_was_proved():
+    data, zone = list(house(4, 1800)), worker("ekf", "tite", 1800)
+    for each in data[: 3 * 48]:
+        zone.step(each)
+    proved = zone.carried.live.members
+    zone.step(data[3 * 48 + 20])
+    assert len(zone.carried.live.issues) <= 1
+    assert proved.hours.max() > 0.0
+    assert zone.carried.live.members.excess.tobytes() == proved.excess.tobytes()
 
 
 def test_the_reference_follows_a_sensor_that_was_moved_and_not_one_wrong_reading():
     level = 20.0 + 0.1 * np.sin(np.arange(300) / 9)
-    moved = stepped(of_a_room("mkf", 600, {"particles": 20}), np.where(np.arange(300) < 200, level, level - 25.0))
+    moved = stepped(np.where(np.arange(300) < 200, level, level - 25.0))
     held = moved.carried.standing.verified.arx.outputs[0, 0]
     assert abs(held - (level[-1] - 25.0)) < 1.0
     wrong = level.copy()
     wrong[290] = -10.0
-    once = stepped(of_a_room("mkf", 600, {"particles": 20}), wrong[:292])
+    once = stepped(wrong[:292])
     assert abs(once.carried.standing.verified.arx.outputs[0, 0] - level[291]) < 1.0
     assert (once.carried.standing.verified.arx.seen > 15.0).all()
-
-
-@pytest.mark.parametrize("name", ["arx", "daily"])
-def test_a_regression_learns_from_the_errors_of_its_own_forecasts(name):
-    level = 20.0 + 0.1 * np.sin(np.arange(200) / 9)
-    level[180] = 60.0
-    zone = stepped(of_a_room(name, 1800, {}), level)
-    state = zone.standing.state
-    assert sorted(state.leads[state.leads > 0.0]) == [2.0, 12.0, 48.0]
-    squares, counts = state.errors[:3, 0].T
-    assert (counts > 50.0).all()
-    assert (squares / counts < 1.0).all(), "a reading that it refused is no error"

@@ -64,9 +64,11 @@ def test_a_missing_output_is_bridged_by_prediction():
 def test_a_longer_gap_stalls_and_starts_a_new_segment():
     zone = worker()
     run(zone, 10)
+    balance = zone.carried.record.seconds
     for k in range(10, 14):
         last = zone.step(sample(k, y=NAN))
     assert last is None
+    assert (zone.carried.record.seconds == balance).all(), "nothing is summed up without a temperature"
     assert "no measurement of T_air for 4 steps" in zone.progress.stalled
     assert fan_of(zone, 0) is None
     back = zone.step(sample(14))
@@ -82,6 +84,17 @@ def test_a_missing_input_is_held_up_to_its_age():
     assert zone.step(sample(12, inputs=[NAN, 18.0, 0.0])) is None
     assert zone.progress.stalled == "T_out is 900 s old, older than hold_inputs = 600 s"
     assert zone.step(sample(13)).outcome == "started"
+
+
+def test_an_input_with_an_age_of_its_own_is_held_up_to_that():
+    zone = worker(hold_inputs=300.0)
+    zone.settings = zone.settings._replace(max_ages={"T_out": 900.0})
+    zone.step(sample(0))
+    held = [zone.step(sample(k, inputs=[NAN, 18.0, 0.0])) for k in (1, 2, 3)]
+    told = [[(one.held, one.age) for one in update.forecast.inputs[:2]] for update in held]
+    assert told == [[(True, age), (False, 0.0)] for age in (300.0, 600.0, 900.0)]
+    assert zone.step(sample(4, inputs=[NAN, 18.0, 0.0])) is None
+    assert zone.progress.stalled == "T_out is 1200 s old, older than its max_age = 900 s"
 
 
 def test_paper_preprocessing_discards_incomplete_intervals_and_breaks_at_every_gap():

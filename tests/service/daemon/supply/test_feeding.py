@@ -113,21 +113,6 @@ def test_a_source_that_fails_is_asked_again_for_what_follows(pauses, caplog):
     assert caplog.text.count("check the cable; trying again") == 3
 
 
-def test_a_source_that_works_again_says_so_once(caplog):
-    down = SourceUnavailable("sources.bms: down")
-    source = Scripted(([], down), ([], down), ([batch(1.0), batch(2.0)], down), ([batch(3.0)], None))
-    with caplog.at_level(logging.INFO):
-        run(source)
-    said = [record.message for record in caplog.records]
-    assert said.count("source 'bms' works again") == 2
-    assert [("again" in line, "down" in line) for line in said[:4]] == [
-        (True, True),
-        (True, True),
-        (True, False),
-        (True, True),
-    ]
-
-
 def test_pauses_are_bounded_and_short_again_after_progress(pauses):
     down = SourceUnavailable("sources.bms: down")
     source = Scripted(*[([], down)] * 8, ([batch(5.0)], down), ([], None))

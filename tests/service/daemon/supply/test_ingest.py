@@ -129,12 +129,6 @@ def test_without_a_source_to_post_to(feeds: list[Feed], expected: bool, status: 
     assert ("Retry-After" in refused.value.headers) == expected
 
 
-def test_a_zone_that_cannot_promise_says_so(feeds: list[Feed], zones: dict[str, Taking]) -> None:
-    zones["living"].failure = ServiceError("the journal failed; free space on its disk")
-    with pytest.raises(ServiceError, match="free space"):
-        take(Ingest(lambda: feeds, lambda: True), lines("T_i"))
-
-
 def test_who_posts_again_after_a_failure_loses_no_count_of_any_zone(tmp_path: Path, zones: dict[str, Any]) -> None:
     tables = sound(tmp_path)
     tables["sources"]["one"] = {"kind": "http"}
