@@ -48,10 +48,10 @@ def others_can_change(folder: os.stat_result, trusted: Collection[int]) -> bool:
     return bool(writable and not folder.st_mode & stat.S_ISVTX) or folder.st_uid not in trusted
 
 
-def open_plain(path: Path, flags: int = os.O_RDONLY, mode: int = 0o600) -> int:
+def open_plain(path: Path, flags: int = os.O_RDONLY) -> int:
     """A descriptor of the plain file at `path`; OSError for a link, and at once for a pipe or a device."""
     try:
-        descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, mode)
+        descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
     except OSError as error:
         if error.errno in (errno.ELOOP, errno.ENXIO):
             raise _no_plain_file(path) from None
