@@ -55,6 +55,15 @@ async def collect(source: Any, enough: Callable[[list[Batch]], object] = bool) -
     return batches
 
 
+async def becomes(stream: AsyncIterator[Batch], expected: Mapping[str, Any]) -> dict[str, Any]:
+    """Take what comes until every channel has the value, or the fault, that is `expected`; what all have then."""
+    found: dict[str, Any] = {}
+    async with asyncio.timeout(PATIENCE):
+        while not found.items() >= expected.items():
+            found |= values([await anext(stream)])
+    return found
+
+
 async def exhaust(stream: AsyncIterator[Batch]) -> None:
     """Take everything that comes."""
     async with asyncio.timeout(PATIENCE):
