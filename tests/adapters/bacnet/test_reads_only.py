@@ -14,6 +14,7 @@ from bacpypes3.apdu import (
     confirmed_request_types,
     unconfirmed_request_types,
 )
+from bacpypes3.pdu import IPv4Address
 from bacpypes3.primitivedata import ObjectIdentifier, Real
 from support.bacnet_plant import READS, free_udp_port, one_device, serving
 from support.sources import source_table
@@ -48,32 +49,25 @@ async def test_no_other_request_gets_past_the_application_or_onto_the_wire(kind)
 
     application.datagrams.indication = wire
     request = kind()
-    request.pduDestination = _address(47808)
+    request.pduDestination = IPv4Address("127.0.0.1:47808")
     with pytest.raises(NotReading, match="is not a request that reads"):
         application.request(request)
     # Whatever is dug out of the library below the application: it is stopped where it would be encoded.
     generic = ConfirmedRequestPDU if issubclass(kind, ConfirmedRequestPDU) else UnconfirmedRequestPDU
-    bare = generic(kind.service_choice, destination=_address(47808))
+    bare = generic(kind.service_choice, destination=IPv4Address("127.0.0.1:47808"))
     with pytest.raises(NotReading, match="is not one that reads"):
         await application.asap.request(bare)
     assert not sent
 
 
-def _address(port):
-    from bacpypes3.pdu import IPv4Address
-
-    return IPv4Address(f"127.0.0.1:{port}")
-
-
 async def test_others_can_neither_write_to_it_nor_silence_it():
     """What a stranger asks is refused, and it stays a client that reads."""
-
     port, peer = one_device()
     async with serving(peer):
         link = BacnetLink(source_table("bacnet", interface="127.0.0.1/8", port=port), lambda kind: None)
         await link.open()
         device = await link.find(1201, None)
-        here = {"destination": _address(port)}
+        here = {"destination": IPv4Address(f"127.0.0.1:{port}")}
         named = {"objectIdentifier": ObjectIdentifier(("device", 4194303)), "propertyIdentifier": 77}
         for request in (
             WritePropertyRequest(**named, propertyValue=Real(5.0), **here),

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("bacpypes3", reason="bacpypes3 is not installed")
 
 from support.bacnet_plant import Bbmd, Peer, free_udp_port, one_device, serving
-from support.sources import bound, collect, exhaust, source_table, values
+from support.sources import becomes, bound, collect, exhaust, source_table, values
 from support.waiting import PATIENCE, until
 
 import adapters.bacnet.session
@@ -56,39 +56,33 @@ async def test_present_values_are_polled_and_converted():
     assert asked.count("ReadPropertyRequest") == 2, "what the device can do"
 
 
-def test_answers_stay_within_what_the_device_can_send():
-    async def job(longest, without):
-        port, peer = one_device(None, longest=longest)
-        peer.without = without
-        channels = []
-        for number in range(1, 13):
-            peer.add(f"analog-input,{number}", float(number))
-            channels.append(channel(f"c{number}", f"analog-input,{number}"))
-        async with serving(peer):
-            batches = await collect(source(port, channels), lambda got: len(got) >= 1)
-            return values(batches), peer.asked
-
-    expected = {f"z/c{number}": float(number) for number in range(1, 13)}
-    found, asked = asyncio.run(job(206, set()))
-    assert found == expected
-    assert asked.count("ReadPropertyMultipleRequest") == 2 * 3, "units and values, five objects at once"
-    found, asked = asyncio.run(job(1024, {"ReadPropertyMultipleRequest"}))
-    assert found == expected
-    assert asked.count("ReadPropertyRequest") == 2 + 3 * 12
+@pytest.mark.parametrize(
+    ("longest", "without", "expected"),
+    [
+        # Units and values, five objects at once.
+        (206, set(), {"ReadPropertyMultipleRequest": 2 * 3, "ReadPropertyRequest": 2}),
+        (1024, {"ReadPropertyMultipleRequest"}, {"ReadPropertyRequest": 2 + 3 * 12}),
+    ],
+)
+async def test_answers_stay_within_what_the_device_can_send(longest, without, expected):
+    port, peer = one_device(None, longest=longest)
+    peer.without, numbers = without, range(1, 13)
+    for number in numbers:
+        peer.add(f"analog-input,{number}", float(number))
+    async with serving(peer):
+        batches = await collect(source(port, [channel(f"c{number}", f"analog-input,{number}") for number in numbers]))
+    assert values(batches) == {f"z/c{number}": float(number) for number in numbers}
+    assert {name: peer.asked.count(name) for name in expected} == expected
 
 
 async def test_a_device_that_denies_what_it_offers_is_asked_one_by_one():
-    def _with(bits, bit):
-        bits[bit] = 1
-        return bits
-
     port, peer = one_device()
     peer.add("analog-input,2", 5.0)
-    services = peer.get_services_supported
+    (services := peer.get_services_supported())[14] = 1
     async with serving(peer):
         peer.without = {"ReadPropertyMultipleRequest"}
-        peer.get_services_supported = lambda: _with(services(), 14)
-        found = values(await collect(source(port, [channel(), channel("two", "analog-input,2")]), bool))
+        peer.get_services_supported = lambda: services
+        found = values(await collect(source(port, [channel(), channel("two", "analog-input,2")])))
     assert found == {"z/T": 21.5, "z/two": 5.0}
 
 
@@ -105,13 +99,9 @@ async def test_a_subscription_brings_changes_and_polling_stops(monkeypatch):
             await anext(stream)
         read = peer.asked.count("ReadPropertyMultipleRequest")
         air.presentValue = 23.5
-        async with asyncio.timeout(PATIENCE):
-            while values([await anext(stream)]) != {"z/T": 23.5}:
-                pass
+        await becomes(stream, {"z/T": 23.5})
         air.statusFlags = [0, 1, 0, 0]
-        async with asyncio.timeout(PATIENCE):
-            while values([await anext(stream)]) != {"z/T": Fault.REPORTED_BAD}:
-                pass
+        await becomes(stream, {"z/T": Fault.REPORTED_BAD})
         assert peer.asked.count("ReadPropertyMultipleRequest") == read, "it is told, and need not ask"
         assert peer.asked.count("SubscribeCOVRequest") == 1
         before = time.time()
@@ -132,9 +122,7 @@ async def test_what_is_subscribed_to_is_confirmed_and_renewed(monkeypatch):
             await anext(stream)
         # Too little to be told of.
         air.presentValue = 21.0
-        async with asyncio.timeout(PATIENCE):
-            while values([await anext(stream)]) != {"z/T": 21.0}:
-                pass
+        await becomes(stream, {"z/T": 21.0})
 
 
 async def test_what_is_not_offered_is_polled(caplog):
@@ -154,9 +142,7 @@ async def test_what_is_not_offered_is_polled(caplog):
             await anext(stream)
         for one, value in ((offered, 11.0), (refused, 12.0), (unwanted, 13.0)):
             one.presentValue = value
-        async with asyncio.timeout(PATIENCE):
-            while values([await anext(stream)]) != {"z/a": 11.0, "z/b": 12.0, "z/c": 13.0}:
-                pass
+        await becomes(stream, {"z/a": 11.0, "z/b": 12.0, "z/c": 13.0})
         assert peer.asked.count("SubscribeCOVRequest") == 2
     assert caplog.text.count("offers no subscription to analog-input,2 (resources error no-space-to-add") == 1
 
@@ -208,34 +194,26 @@ async def test_a_refused_object_loses_its_channel_only_and_is_asked_for_again(ca
         peer.add("analog-input,2", 5.0)
         # The time to ask again has come.
         bms._sessions[1201].rebound()
-        async with asyncio.timeout(PATIENCE):
-            while values([await anext(stream)]) != {"z/T": 21.5, "z/two": 5.0}:
-                pass
+        await becomes(stream, {"z/T": 21.5, "z/two": 5.0})
     assert caplog.text.count("refuses z/two (device 1201 analog-input,2): object error unknown-object") == 1
     assert caplog.text.count("the device gives z/two (device 1201 analog-input,2) again") == 1
 
 
 async def test_a_silent_device_does_not_hold_up_the_others(caplog):
     caplog.set_level(logging.INFO)
-
     port = free_udp_port()
     one, other = Peer(1201, port, 1), Peer(1202, port, 2)
     one.add(value=1.0)
     other.add(value=2.0)
-    channels = [channel("one"), channel("other", device=1202)]
-    bms = source(port, channels, timeout=0.3)
-    async with serving(one, other), aclosing(bms.batches(None)) as stream:
-        got = []
-        async with asyncio.timeout(PATIENCE):
-            while values(got) != {"z/one": 1.0, "z/other": 2.0}:
-                got.append(await anext(stream))
-            other.silent = True
-            while "device 1202 is silent" not in caplog.text:
-                await anext(stream)
-            assert values([await anext(stream)]) == {"z/one": 1.0}
-            other.silent = False
-            while "z/other" not in values([await anext(stream)]):
-                pass
+    bms = source(port, [channel("one"), channel("other", device=1202)], timeout=0.3)
+    async with serving(one, other), asyncio.timeout(PATIENCE), aclosing(bms.batches(None)) as stream:
+        await becomes(stream, {"z/one": 1.0, "z/other": 2.0})
+        other.silent = True
+        while "device 1202 is silent" not in caplog.text:
+            await anext(stream)
+        assert values([await anext(stream)]) == {"z/one": 1.0}
+        other.silent = False
+        await becomes(stream, {"z/other": 2.0})
     assert "device 1202 answers again" in caplog.text
 
 
@@ -243,14 +221,14 @@ async def test_when_every_device_is_silent_the_source_is_not_there():
     port = free_udp_port()
     bms = source(port, [channel(), channel("x", device=1299)], timeout=0.2)
     with pytest.raises(SourceUnavailable, match=r"sources\.bms: no device 12\d\d answers within 0\.2 s, and 1 other;"):
-        await collect(bms, lambda got: False)
+        await collect(bms)
     peer = Peer(1201, port)
     peer.add()
     async with serving(peer):
         assert values(await collect(bms, bool)) == {"z/T": 21.5}, "the next attempt is a new one"
     elsewhere = source(port, [channel(at=f"127.0.7.9:{port}")], timeout=0.2)
     with pytest.raises(SourceUnavailable, match=rf"no answer from 127\.0\.7\.9:{port} within 0\.2 s"):
-        await collect(elsewhere, lambda got: False)
+        await collect(elsewhere)
 
 
 async def test_the_address_of_a_device_can_be_given_and_is_checked():
@@ -261,7 +239,7 @@ async def test_the_address_of_a_device_can_be_given_and_is_checked():
         assert "WhoIsRequest" not in peer.asked
         wrong = source(port, [channel(device=77, at=peer.where)])
         with pytest.raises(SourceUnavailable, match=r"is not device 77: object error unknown-object"):
-            await collect(wrong, lambda got: False)
+            await collect(wrong)
 
 
 async def test_channels_change_while_it_is_at_work():
@@ -271,26 +249,21 @@ async def test_channels_change_while_it_is_at_work():
     one.add("analog-input,2", 3.0)
     other.add(value=2.0)
     bms = source(port, [channel("one")])
-    async with serving(one, other), aclosing(bms.batches(None)) as stream:
+    async with serving(one, other), asyncio.timeout(PATIENCE), aclosing(bms.batches(None)) as stream:
         assert values([await anext(stream)]) == {"z/one": 1.0}
         bms.rebind([channel("other", device=1202), channel("more", "analog-input,2")])
-        got = []
-        async with asyncio.timeout(PATIENCE):
-            while not {"z/other", "z/more"} <= values(got).keys():
-                got.append(await anext(stream))
+        await becomes(stream, {"z/other": 2.0, "z/more": 3.0})
         bms.rebind([channel("other", device=1202)])
-        async with asyncio.timeout(PATIENCE):
-            while "z/more" in values([await anext(stream)]):
-                pass
+        while "z/more" in values([await anext(stream)]):
+            pass
         await anext(stream)
         asked = len(one.asked)
         for _ in range(5):
             assert values([await anext(stream)]) == {"z/other": 2.0}
         assert len(one.asked) == asked, "a device without channels is left alone"
         bms.rebind([channel("other", device=1202, at=one.where)])
-        async with asyncio.timeout(PATIENCE):
-            with pytest.raises(SourceUnavailable, match="is not device 1202"):
-                await exhaust(stream)
+        with pytest.raises(SourceUnavailable, match="is not device 1202"):
+            await exhaust(stream)
 
 
 async def test_what_is_malformed_is_counted_and_harms_nothing(caplog):
@@ -350,17 +323,12 @@ async def test_as_a_foreign_device_it_finds_devices_through_the_bbmd():
         (row,) = (await bms.scan(Scan(seconds=0.5))).rows[1:]
         assert row[2:5] == ("analog-input,1", "name of analog-input,1", "21.5")
         await bbmd.close()
+        none = source(free_udp_port(), [channel()], interface="127.0.0.1", bbmd=peer.where)
+        with pytest.raises(SourceUnavailable, match="refuses to register foreign devices"):
+            await collect(none)
     alone = source(port, [channel()], interface="127.0.0.1", bbmd=f"127.0.7.201:{port}", timeout=0.2)
     with pytest.raises(SourceUnavailable, match=r"the BBMD 127\.0\.7\.201:\d+ does not answer"):
-        await collect(alone, lambda got: False)
-
-
-async def test_a_device_that_takes_no_foreign_devices_says_so():
-    _, peer = one_device(None)
-    async with serving(peer):
-        bms = source(free_udp_port(), [channel()], interface="127.0.0.1", bbmd=peer.where, timeout=2.0)
-        with pytest.raises(SourceUnavailable, match="refuses to register foreign devices"):
-            await collect(bms, lambda got: False)
+        await collect(alone)
 
 
 async def test_probe_shows_what_each_channel_brings():
@@ -405,7 +373,7 @@ async def test_probe_works_beside_a_daemon_that_has_the_port():
         assert probe.verdict == "good"
         assert values([await anext(stream)]) == {"z/T": 21.5}
         with pytest.raises(SourceUnavailable, match=r"cannot be used \(Address already in use\); check that interface"):
-            await collect(source(port, [channel()]), lambda got: False)
+            await collect(source(port, [channel()]))
 
 
 async def test_scan_lists_devices_and_their_numbers():
@@ -420,19 +388,11 @@ async def test_scan_lists_devices_and_their_numbers():
         everything, some = await bms.scan(Scan(seconds=0.5)), await bms.scan(Scan((1202, 1399), seconds=0.5))
     rows = [dict(zip(everything.rows[0], row, strict=True)) for row in everything.rows[1:]]
     assert [row["device"] for row in rows] == ["1201"] * 2 + ["1300"] * 30
-    assert rows[0]["object"] == "analog-input,1"
-    assert (rows[0]["name"], rows[0]["value"], rows[0]["unit"], rows[0]["status"]) == (
-        "name of analog-input,1",
-        "21.5",
-        "degC",
-        "ok",
-    )
-    assert (rows[-1]["object"], rows[-1]["value"], rows[-1]["unit"]) == ("analog-value,30", "30", "kW")
+    shown = ("object", "name", "value", "unit", "status")
+    assert [rows[0][one] for one in shown] == ["analog-input,1", "name of analog-input,1", "21.5", "degC", "ok"]
+    assert [rows[-1][one] for one in ("object", "value", "unit")] == ["analog-value,30", "30", "kW"]
     assert [remark[:12] for remark in everything.remarks] == ["device 1400 "]
     assert {row[0] for row in some.rows[1:]} == {"1300"}
-
-
-async def test_a_scan_needs_somebody_to_ask():
     with pytest.raises(SourceConfigError, match="a scan asks everybody: give interface its prefix"):
         await source(free_udp_port(), [], interface="127.0.0.1").scan(Scan())
 

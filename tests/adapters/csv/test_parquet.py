@@ -95,11 +95,8 @@ def test_what_cannot_be_read_is_a_sentence(table, tmp_path, monkeypatch):
     path.write_bytes(b"PAR1 no parquet")
     with pytest.raises(SourceUnavailable, match=r"is no Parquet file .*; write it again"):
         asyncio.run(first())
+    with pytest.raises(ValueError, match=r"a \.parquet file cannot"):
+        recording("recording", [path], CHANNELS, follow=True, **BERLIN)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(SourceConfigError, match=r'needs pyarrow.*: pip install "thermogate\[parquet\]"'):
         asyncio.run(first())
-
-
-def test_a_file_that_grows_is_no_parquet_file(tmp_path):
-    with pytest.raises(ValueError, match=r"a \.parquet file cannot"):
-        recording("recording", [tmp_path / "a.parquet"], CHANNELS, follow=True, **BERLIN)

@@ -20,29 +20,25 @@ def table(path: Path, text: str, delimiter: str = ",") -> Table:
     return read_table(path, [CsvChannel("z/T", ("T",))], LayoutConfig(timestamp={"column": "t"}, delimiter=delimiter))
 
 
-@pytest.mark.parametrize("row", ['2025-01-01T00:20:00Z,"40', '"2025-01-01T00:20:00Z,40', '2025-01-01T00:20:00Z, "40'])
-def test_a_quote_that_is_not_closed_costs_no_other_row(tmp_path: Path, row: str) -> None:
-    rows = [*ROWS[:20], row, *ROWS[21:]]
-    found = table(tmp_path / "a.csv", "\n".join(["t,T", *rows]) + "\n")
-    assert len(found.times) == 50
-    assert found.values[0].tolist() == [20.0 + minute for minute in range(50)]
+def quoted(*places: int) -> list[str]:
+    """Rows with a quote before the values of some of them."""
+    return [row.replace(",", ',"') if place in places else row for place, row in enumerate(ROWS)]
 
 
-def test_two_quotes_far_from_each_other_are_no_cell(tmp_path: Path) -> None:
-    rows = [*ROWS[:10], ROWS[10].replace(",", ',"'), *ROWS[11:40], ROWS[40].replace(",", ',"'), *ROWS[41:]]
-    found = table(tmp_path / "a.csv", "\n".join(["t,T", *rows]) + "\n")
-    assert found.values[0].tolist() == [20.0 + minute for minute in range(50)]
-
-
-def test_cells_in_quotes_may_go_over_lines_and_hold_quotes(tmp_path: Path) -> None:
-    rows = [f'{row},"a note\nover ""two"" lines"' for row in ROWS]
-    found = table(tmp_path / "a.csv", "\n".join(["t,T,note", *rows]) + "\n")
-    assert found.values[0].tolist() == [20.0 + minute for minute in range(50)]
-
-
-def test_an_inch_in_a_cell_is_a_character(tmp_path: Path) -> None:
-    rows = [f'{row};valve 5" pipe'.replace(",", ";") for row in ROWS]
-    found = table(tmp_path / "a.csv", "\n".join(["t;T;note", *rows]) + "\n", ";")
+@pytest.mark.parametrize(
+    ("rows", "head", "delimiter"),
+    [
+        (quoted(20), "t,T", ","),
+        ([*ROWS[:20], '"2025-01-01T00:20:00Z,40', *ROWS[21:]], "t,T", ","),
+        ([*ROWS[:20], '2025-01-01T00:20:00Z, "40', *ROWS[21:]], "t,T", ","),
+        (quoted(10, 40), "t,T", ","),
+        ([f'{row},"a note\nover ""two"" lines"' for row in ROWS], "t,T,note", ","),
+        ([f'{row};valve 5" pipe'.replace(",", ";") for row in ROWS], "t;T;note", ";"),
+    ],
+    ids=["not closed", "before the time", "after a blank", "far from each other", "over lines", "an inch"],
+)
+def test_a_quote_costs_no_row(tmp_path: Path, rows: list[str], head: str, delimiter: str) -> None:
+    found = table(tmp_path / "a.csv", "\n".join([head, *rows]) + "\n", delimiter)
     assert found.values[0].tolist() == [20.0 + minute for minute in range(50)]
 
 

@@ -3,7 +3,7 @@ import gzip
 import os
 import threading
 from datetime import UTC, datetime
-from math import isnan, nan
+from math import isnan
 
 import pytest
 from support.sources import recording
@@ -12,7 +12,7 @@ from support.waiting import until, wait_until
 import adapters.csv.source
 from adapters.csv.table import read_table
 from adapters.errors import SourceConfigError, SourceUnavailable
-from adapters.reading import Fault, Quality, Reading
+from adapters.reading import Fault, Quality
 
 TEMPERATURE = {"id": "living/T_air", "column": "T"}
 
@@ -44,11 +44,6 @@ def readings(csv_source, start=None):
 
 def values(csv_source, start=None):
     return [(reading.time, reading.value) for reading in readings(csv_source, start)]
-
-
-@pytest.fixture
-def plain(tmp_path):
-    return write(tmp_path / "plain.csv", "t,T\n2025-05-03 00:00:00Z,20.5\n2025-05-03 00:00:10Z,20.6\n")
 
 
 @pytest.mark.parametrize(
@@ -86,12 +81,9 @@ def test_columns_are_summed_then_scaled_then_converted(tmp_path):
         "offset": 0.1,
         "valid": (0, 3000),
     }
-    assert readings(source(path, channels=[heat], format="epoch")) == [
-        Reading("z/u", 0.0, 1600.0),
-        Reading("z/u", 20.0, pytest.approx(nan, nan_ok=True), Quality.BAD, Fault.NON_NUMERIC),
-        Reading("z/u", 30.0, pytest.approx(nan, nan_ok=True), Quality.BAD, Fault.NON_NUMERIC),
-        Reading("z/u", 40.0, pytest.approx(nan, nan_ok=True), Quality.BAD, Fault.OUT_OF_RANGE),
-    ]
+    found = [(one.time, one.fault or one.value) for one in readings(source(path, channels=[heat], format="epoch"))]
+    faults = [(20.0, Fault.NON_NUMERIC), (30.0, Fault.NON_NUMERIC), (40.0, Fault.OUT_OF_RANGE)]
+    assert found == [(0.0, 1600.0), *faults]
 
 
 CELLS = {
@@ -198,22 +190,15 @@ async def test_lateness_does_not_add_up(tmp_path, monkeypatch):
     assert all(0 <= when - i / 20 <= 0.031 for i, when in enumerate(got))
 
 
-def test_closing_ends_a_delivery_that_is_asleep(tmp_path):
-    path = write(tmp_path / "a.csv", "t,T\n0,1\n100000,2\n")
-    told = source(path, format="epoch", pace=1.0)
-
-    async def close_soon():
-        await asyncio.sleep(0.05)
+async def test_closing_ends_a_delivery_that_is_asleep(tmp_path):
+    told = source(write(tmp_path / "a.csv", "t,T\n0,1\n100000,2\n"), format="epoch", pace=1.0)
+    async with asyncio.timeout(180):
+        got = []
+        async for batch in told.batches(None):
+            got.append(batch.now)
+            asyncio.get_running_loop().call_later(0.05, asyncio.ensure_future, told.close())
         await told.close()
-        await told.close()
-
-    async def close_while_asleep():
-        closing = asyncio.create_task(close_soon())
-        got = [batch.now async for batch in told.batches(None)]
-        await closing
-        return got
-
-    assert asyncio.run(asyncio.wait_for(close_while_asleep(), 180)) == [0.0]
+    assert got == [0.0]
 
 
 async def test_reading_a_large_file_leaves_the_event_loop_alive_and_stops_when_cancelled(tmp_path, monkeypatch):
@@ -277,10 +262,10 @@ def test_a_column_without_a_name(tmp_path):
     assert values(source(file, column="")) == [(utc("2025-05-03"), 20.5)]
     other = write(tmp_path / "last.csv", "t,T,\n2025-05-03 00:00:00Z,20.5,7\n")
     assert values(source(other, channels=({"id": "living/T_air", "column": ""},))) == [(utc("2025-05-03"), 7.0)]
-    twice = write(tmp_path / "twice.csv", ",T,\n")
-    (problem,) = source(twice, column="").check()
-    assert "has the column without a name (the timestamp) more than once; rename all but one" in problem
-    (problem,) = source(other, column="", channels=()).check() or [""]
-    assert problem == ""
-    (problem,) = source(write(tmp_path / "named.csv", "t,T\n"), column="").check()
-    assert "has no column without a name (the timestamp); its columns are: t, T" in problem
+    assert source(other, column="", channels=()).check() == []
+    for text, said in (
+        (",T,\n", "has the column without a name (the timestamp) more than once; rename all but one"),
+        ("t,T\n", "has no column without a name (the timestamp); its columns are: t, T"),
+    ):
+        (problem,) = source(write(tmp_path / "other.csv", text), column="").check()
+        assert said in problem

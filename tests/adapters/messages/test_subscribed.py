@@ -9,17 +9,17 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from support.broker import Party, broker
 from support.sources import bound, source_table
-from support.waiting import between
+from support.waiting import between, repeated
 from support.zenoh_plant import endpoint, listening, session
 
 import adapters.messages.subscribed
+from adapters.fields.times import written_to_the_millisecond as iso
 from adapters.messages.inbox import Inbox, Incoming
 
 Keys = dict[str, Any]
@@ -61,10 +61,6 @@ def bus(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bus]:
 T = {"id": "room/T", "at": "bms/room/T", "unit": "degC"}
 HALL = {"id": "hall/T", "at": "bms/hall/T", "unit": "degC"}
 JSON = {"format": "json", "value": "/value", "time": "/time"}
-
-
-def iso(seconds: float) -> str:
-    return datetime.fromtimestamp(seconds, UTC).isoformat()
 
 
 @pytest.mark.parametrize(
@@ -110,9 +106,8 @@ async def test_a_bad_publisher_harms_its_channel_only_and_is_told_of_once(
         assert heard.values() == heard.failures == []
         expected = ["non_numeric", "non_numeric", "not_available", "non_numeric", "out_of_range", "not_finite"]
         assert heard.faults()[:8] == [*expected, "non_numeric", "non_numeric"], "in the order in which they were sent"
-    assert caplog.text.count(f"room/T ({bus.noun} bms/room/T): the payload") == 2, (
-        "one of each kind that has a sentence"
-    )
+    # One of each kind that has a sentence.
+    assert caplog.text.count(f"room/T ({bus.noun} bms/room/T): the payload") == 2
 
 
 async def test_a_consumer_that_sleeps_costs_the_oldest_of_the_busy_place_alone(
@@ -190,19 +185,12 @@ async def test_probe_shows_what_comes_and_what_came_elsewhere(bus: Bus) -> None:
         T | {"id": "room/w", "at": "bms/json", "format": "json", "value": "/temp"},
         T | {"id": "room/x", "at": "bms/room/Tt"},
     ]
-    sent = {
-        "bms/room/T": "21.5",
-        "bms/cold": "1.8",
-        "bms/hot": "300",
-        "bms/bad": "warm",
-        "bms/json": '{"temperature": 19.5, "linkquality": 80}',
-    }
+    sent = {"bms/room/T": "21.5", "bms/cold": "1.8", "bms/hot": "300", "bms/bad": "warm"}
+    sent["bms/json"] = '{"temperature": 19.5, "linkquality": 80}'
     probing = asyncio.create_task(bus.source(*channels).probe(1.0))
-    while not probing.done():
-        for place, payload in sent.items():
-            bus.put(place, payload)
-        await asyncio.sleep(0.05)
-    good, cold, hot, bad, wrong, nothing = await probing
+    with repeated(lambda: [bus.put(place, payload) for place, payload in sent.items()], 0.05):
+        await probing
+    good, cold, hot, bad, wrong, nothing = probing.result()
     assert (good.value, good.verdict, good.raw, good.place) == (21.5, "good", "21.5", "bms/room/T plain")
     assert (cold.value, cold.verdict) == (1.8, "doubtful: usually 5 to 40 here; if it is right, give valid")
     assert hot.verdict == "implausible: not within -60 to 80"

@@ -8,7 +8,6 @@ import subprocess
 import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from support.zenoh_plant import certificates, listening
 import adapters.mqtt.broker
 import adapters.mqtt.source
 from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.fields.times import written_to_the_millisecond as iso
 from adapters.mqtt.broker import VERSIONS
 from adapters.mqtt.source import MqttSource
 from adapters.reading import Quality
@@ -57,16 +57,6 @@ def source(port: int, *channels: Channel, name: str = "bms", **keys: Any) -> Mqt
     return found
 
 
-def searching(port: int) -> MqttSource:
-    """A source of a person who does not know the topics yet."""
-    found: MqttSource = source_table("mqtt", host="127.0.0.1", port=port, timeout=2.0).build("bms", [])
-    return found
-
-
-def iso(seconds: float) -> str:
-    return datetime.fromtimestamp(seconds, UTC).isoformat()
-
-
 async def test_a_retained_value_is_uncertain_and_gives_way_to_what_is_new(running: Mosquitto, party: Party) -> None:
     meter = {"id": "room/u", "topic": "home/meter", "unit": "J", "to": "W"}
     party.put(TOPIC, "18", retain=True, qos=1)
@@ -84,12 +74,10 @@ async def test_a_retained_value_is_uncertain_and_gives_way_to_what_is_new(runnin
         await heard.until(lambda: len(heard.readings) == 3)
         assert [one.quality for one in heard.readings if one.channel == "room/u"] == [Quality.GOOD]
         assert heard.values() == [18.0, 21.0]
-        party_port = running.port
     # After a reconnect the broker sends it again; by then it is known to be old.
     async with listening(watched) as again:
         await again.until(lambda: again.batches)
-        with Party(party_port) as other:
-            other.put(TOPIC, "22", qos=1)
+        party.put(TOPIC, "22", qos=1)
         await again.until(again.values)
         assert again.values() == [22.0]
 
@@ -114,14 +102,14 @@ async def test_what_has_a_time_waits_at_the_broker_and_what_has_none_does_not(
 
 async def test_without_a_session_nothing_waits(running: Mosquitto, party: Party) -> None:
     watched = source(running.port, DATED, session=0)
-    async with listening(watched) as heard:
-        await heard.until(lambda: heard.batches)
-    party.put(TOPIC, json.dumps({"value": 1, "time": iso(time.time())}), qos=1)
-    async with listening(watched) as again:
-        await again.until(lambda: again.batches)
-        party.put(TOPIC, json.dumps({"value": 2, "time": iso(time.time())}), qos=1)
-        await again.until(again.values)
-        assert again.values() == [2.0]
+    for value in (1, 2):
+        async with listening(watched) as heard:
+            await heard.until(lambda heard=heard: heard.batches)
+            if value == 2:
+                party.put(TOPIC, json.dumps({"value": value, "time": iso(time.time())}), qos=1)
+                await heard.until(heard.values)
+                assert heard.values() == [2.0]
+        party.put(TOPIC, json.dumps({"value": value, "time": iso(time.time())}), qos=1)
 
 
 async def test_a_broker_that_restarts_is_come_back_to(tmp_path: Path) -> None:
@@ -129,11 +117,9 @@ async def test_a_broker_that_restarts_is_come_back_to(tmp_path: Path) -> None:
         async with listening(source(restarting.port)) as heard:
             await heard.until(heard.values, lambda: party.put(TOPIC, "20"))
             restarting.stop()
-            await heard.until(lambda: heard.failures)
-            assert heard.failures[0].startswith(
-                f"sources.bms: the connection to mqtt://127.0.0.1:{restarting.port} is lost ("
-            )
             await heard.until(lambda: any("no MQTT broker answers" in failure for failure in heard.failures))
+            lost = f"sources.bms: the connection to mqtt://127.0.0.1:{restarting.port} is lost ("
+            assert heard.failures[0].startswith(lost)
             restarting.start()
             await heard.until(lambda: 21.0 in heard.values(), lambda: party.put(TOPIC, "21"))
 
@@ -208,8 +194,9 @@ async def test_a_scan_lists_every_topic_and_its_numbers(running: Mosquitto, part
     # What Thermogate publishes itself is nothing to learn from.
     party.put("thermogate/site/room/forecast", '{"mean": 21.0}', retain=True, qos=1)
     party.put("homeassistant/sensor/thermogate_site_room/mean/config", '{"precision": 1}', retain=True, qos=1)
-    assert isinstance(searching(running.port), Scannable)
-    found = await searching(running.port).scan(Scan(seconds=1.0))
+    searching = source_table("mqtt", host="127.0.0.1", port=running.port, timeout=2.0).build("bms", [])
+    assert isinstance(searching, Scannable)
+    found = await searching.scan(Scan(seconds=1.0))
     assert found.rows == [
         ("topic", "pointer", "number", "came"),
         ("home/other", "/temperature", "19.5", "retained"),
@@ -232,9 +219,8 @@ async def test_another_client_of_the_same_name_is_among_the_reasons(running: Mos
         await heard.until(lambda: heard.batches)
         async with listening(source(running.port, client_id="twin")):
             await heard.until(lambda: heard.failures)
-        assert heard.failures[0].endswith(
-            'check that the broker is on, and that no other client has the client_id "twin"'
-        )
+        remedy = 'check that the broker is on, and that no other client has the client_id "twin"'
+        assert heard.failures[0].endswith(remedy)
 
 
 @pytest.fixture(scope="module")

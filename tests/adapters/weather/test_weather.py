@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-import http.server
 import json
 import os
-import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import aclosing, contextmanager
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
 from support.processes import free_port
+from support.waiting import repeated
+from support.web_answers import answering
+from support.zenoh_plant import endpoint
 from support.zenoh_plant import session as session_of
 
 from adapters.csv.config import LayoutConfig
@@ -157,72 +158,36 @@ def test_a_csv_file_says_what_is_wrong_with_it(tmp_path: Path) -> None:
     assert "has no column 'T'" in problem
 
 
-class _Service(http.server.BaseHTTPRequestHandler):
-    answers: ClassVar[list[tuple[int, bytes]]] = []
-
-    def do_GET(self) -> None:
-        status, content = self.answers.pop(0)
-        self.send_response(status)
-        self.end_headers()
-        self.wfile.write(content)
-
-    def log_message(self, *_: Any) -> None:
-        pass
-
-
-@pytest.fixture
-def service() -> Iterator[str]:
-    """The address of a service that gives `_Service.answers`, one after the other."""
-    server = http.server.HTTPServer(("127.0.0.1", 0), _Service)
-    thread = threading.Thread(target=server.serve_forever)
-    thread.start()
-    yield f"http://127.0.0.1:{server.server_address[1]}/v1/forecast"
-    server.shutdown()
-    thread.join()
-    server.server_close()
-
-
-def test_an_address_is_asked_again_and_again(service: str) -> None:
-    _Service.answers = [(200, written()), (200, written(issued=NOON))]
+def test_an_address_is_asked_again_and_again_and_named_where_it_refuses_or_is_not_there() -> None:
+    answers = [(200, written()), (200, written(issued=NOON)), (429, b"later")]
 
     async def twice(forecasts: AsyncIterator[WeatherForecast]) -> list[WeatherForecast]:
         return [await anext(forecasts), await anext(forecasts)]
 
-    one, two = first(json_address("outlook", service, 0.01), twice)
-    assert one.series["temperature_2m"].values.tolist() == [3.0, 5.0]
-    assert two.issued == NOON
-
-
-def test_an_address_that_refuses_or_is_not_there_is_named(service: str) -> None:
-    _Service.answers = [(429, b"later")]
-    with pytest.raises(SourceUnavailable, match=r"weather.outlook: the address answers 429 Too Many Requests"):
-        first(json_address("outlook", service, 60))
-    nobody = f"http://127.0.0.1:{free_port()}/"
+    with answering(lambda path: answers.pop(0)) as url:
+        one, two = first(json_address("outlook", f"{url}/v1/forecast", 0.01), twice)
+        assert one.series["temperature_2m"].values.tolist() == [3.0, 5.0]
+        assert two.issued == NOON
+        with pytest.raises(SourceUnavailable, match=r"weather.outlook: the address answers 429 Too Many Requests"):
+            first(json_address("outlook", url, 60))
     with pytest.raises(SourceUnavailable, match=r"weather.outlook: the address cannot be reached"):
-        first(json_address("outlook", nobody, 60))
+        first(json_address("outlook", f"http://127.0.0.1:{free_port()}/", 60))
 
 
 @contextmanager
 def station(document: bytes | None) -> Iterator[HeardForecasts]:
     """A source that hears a publisher of `document` on its key; without one, the publisher deletes the key."""
-    place = f"tcp/127.0.0.1:{free_port()}"
+    place = endpoint()
     with session_of(listen=place) as session:
-        stop = threading.Event()
 
         def publish() -> None:
-            while not stop.wait(0.05):
-                if document is None:
-                    session.delete("site/weather")
-                else:
-                    session.put("site/weather", document)
+            if document is None:
+                session.delete("site/weather")
+            else:
+                session.put("site/weather", document)
 
-        publishing = threading.Thread(target=publish)
-        publishing.start()
-        try:
+        with repeated(publish, 0.05):
             yield HeardForecasts("outlook", SessionConfig(mode="client", connect=[place]), "site/weather")
-        finally:
-            stop.set()
-            publishing.join()
 
 
 def test_documents_are_heard_on_zenoh() -> None:
