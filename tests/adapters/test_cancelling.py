@@ -3,8 +3,7 @@
 import asyncio
 
 import pytest
-from pymodbus.server import ModbusTcpServer
-from pymodbus.simulator import DataType, SimData, SimDevice
+from support.modbus_plant import plant, serving
 from support.sources import source_table
 
 from adapters.cancelling import cancellable
@@ -14,27 +13,23 @@ MOMENTS = 12
 """More turns of the event loop than an answer takes from the socket to whoever has asked."""
 
 
-async def cancelled_together_with_the_result() -> asyncio.Task[int]:
+async def test_a_result_that_comes_with_the_cancellation_does_not_undo_it() -> None:
     result: asyncio.Future[int] = asyncio.get_running_loop().create_future()
     task = asyncio.create_task(cancellable(asyncio.wait_for(result, 5.0)))
     await asyncio.sleep(0.01)
     result.set_result(1)
     task.cancel()
     await asyncio.wait([task])
-    return task
+    assert task.cancelled()
 
 
-def test_a_result_that_comes_with_the_cancellation_does_not_undo_it() -> None:
-    assert asyncio.run(cancelled_together_with_the_result()).cancelled()
-
-
-def test_the_result_and_the_error_of_the_library_are_passed_on() -> None:
+async def test_the_result_and_the_error_of_the_library_are_passed_on() -> None:
     async def failing() -> int:
         raise ValueError("no")
 
-    assert asyncio.run(cancellable(asyncio.sleep(0, 3))) == 3
+    assert await cancellable(asyncio.sleep(0, 3)) == 3
     with pytest.raises(ValueError, match="no"):
-        asyncio.run(cancellable(failing()))
+        await cancellable(failing())
 
 
 async def test_what_is_done_while_a_task_ends_is_not_disturbed() -> None:
@@ -53,38 +48,21 @@ async def test_what_is_done_while_a_task_ends_is_not_disturbed() -> None:
     assert done == ["goodbye"]
 
 
-async def reads_cancelled_at_every_moment() -> list[bool]:
-    words = SimData(0, values=list(range(10)), datatype=DataType.REGISTERS)
-    answered = asyncio.Event()
-
-    def trace(sending: bool, pdu: object) -> object:
-        if sending:
-            answered.set()
-        return pdu
-
-    server = ModbusTcpServer(SimDevice(1, simdata=[words]), address=("127.0.0.1", 0), trace_pdu=trace)
-    await server.serve_forever(background=True)
-    port = server.transport.sockets[0].getsockname()[1]
-    link = ModbusLink(source_table("modbus", host="127.0.0.1", port=port, first_register=0))
-    await link.open()
+async def test_a_modbus_read_is_cancelled_whenever_its_answer_comes() -> None:
     ended = []
-    try:
+    async with serving(site := plant(holding=list(range(10)))):
+        link = ModbusLink(source_table("modbus", host="127.0.0.1", port=site.port, first_register=0))
+        await link.open()
         for moment in range(MOMENTS):
-            answered.clear()
+            asked = len(site.asked)
             reading = asyncio.create_task(link.read(1, "holding", 0, 5))
-            await answered.wait()
+            while len(site.asked) == asked:
+                await asyncio.sleep(0)
             for _ in range(moment):
                 await asyncio.sleep(0)
             if reading.cancel():
                 await asyncio.wait([reading])
                 ended.append(reading.cancelled())
-    finally:
         await link.close()
-        await server.shutdown()
-    return ended
-
-
-def test_a_modbus_read_is_cancelled_whenever_its_answer_comes() -> None:
-    ended = asyncio.run(reads_cancelled_at_every_moment())
     assert ended
     assert all(ended)

@@ -5,9 +5,9 @@ from datetime import datetime
 
 import numpy as np
 import pytest
+from support import sites
 
 from adapters.schedule.config import ScheduleConfig
-from adapters.schedule.source import ScheduleSource
 from service.config.load import load
 
 DAYS = [
@@ -17,12 +17,9 @@ DAYS = [
 TABLE = {"kind": "schedule", "time_zone": "Europe/Berlin", "country": "DE-BW", "days": DAYS}
 
 
-def table(**changes):
-    return ScheduleConfig(**(TABLE | changes))
-
-
 def week():
-    return table().channel(source="hours").within(table()).week
+    table = ScheduleConfig(**TABLE)
+    return table.channel(source="hours").within(table).week
 
 
 @pytest.mark.parametrize(
@@ -41,42 +38,13 @@ def test_a_value_holds_from_its_time_of_day_until_the_next(time, value):
     assert week().at(datetime.fromisoformat(time).timestamp()) == value
 
 
-async def test_the_source_delivers_what_the_schedule_has_now():
-    source = table().build("hours", [])
-    assert isinstance(source, ScheduleSource)
-    async with aclosing(source.batches(None)) as stream:
-        assert (await anext(stream)).readings == []
-    assert source.check() == []
-
-
 async def test_a_zone_takes_its_set_points_from_it(tmp_path):
-    (tmp_path / "site.toml").write_text(
-        """
-[site]
-id = "home"
-state_dir = "state"
-
-[sources.posted]
-kind = "http"
-
-[sources.hours]
-kind = "schedule"
-time_zone = "Europe/Berlin"
-days = [{ on = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"], at = { "06:00" = 70.0, "22:00" = 62.0 } }]
-
-[[zones]]
-id = "room"
-period = "15min"
-network = "tite"
-setpoint = { source = "hours", unit = "degF" }
-
-[zones.channels]
-T_i = { source = "posted", unit = "degC" }
-T_out = { source = "posted", unit = "degC" }
-u_heat = { source = "posted", unit = "W" }
-"""
-    )
-    config = load(tmp_path / "site.toml")
+    every = {"on": ["mon", "tue", "wed", "thu", "fri", "sat", "sun"], "at": {"06:00": 70.0, "22:00": 62.0}}
+    hours = {"kind": "schedule", "time_zone": "Europe/Berlin", "days": [every]}
+    setpoint = {"source": "hours", "unit": "degF"}
+    zone = sites.zone("room", "posted", {name: {} for name in sites.UNITS}, setpoint=setpoint)
+    path = sites.written(tmp_path, {"posted": {"kind": "http"}, "hours": hours}, [zone])
+    config = load(path)
     (zone,) = config.zones
     times = np.array([datetime.fromisoformat(f"2025-07-01T{hour}:00+02:00").timestamp() for hour in ("05:59", "06:00")])
     assert zone.setpoint.foreknown(times) == pytest.approx([50 / 3, 190 / 9])
