@@ -17,8 +17,8 @@ from support.zenoh_plant import endpoint, session
 ZONE = "zone-bms"
 
 
-def channel(status: dict, name: str) -> dict:
-    return next(one for one in status["channels"] if one["channel"] == name)
+def stale(status: dict) -> set[str]:
+    return {one["channel"] for one in status["channels"] if one["stale"]}
 
 
 def held(daemon: Daemon) -> tuple[list[bool], str]:
@@ -33,7 +33,7 @@ def test_a_refused_register_shows_as_stale_and_held_while_the_forecasts_go_on(tm
 
     def note(sample: zenoh.Sample) -> None:
         status = json.loads(sample.payload.to_bytes())
-        if refusing.is_set() and not seen.is_set() and channel(status, "T_out")["stale"]:
+        if refusing.is_set() and not seen.is_set() and "T_out" in stale(status):
             first.update(status)
             seen.set()
 
@@ -41,29 +41,21 @@ def test_a_refused_register_shows_as_stale_and_held_while_the_forecasts_go_on(tm
     with running(plant(holding=WORDS)) as site, session(listen=place) as heard:
         subscriber = heard.declare_subscriber(f"thermogate/plant/{ZONE}/status", note)
         with Daemon(configuration(tmp_path, {"bms": site.port}), tmp_path / "log", settings) as daemon:
-            daemon.until(ZONE, lambda found: found["samples"] >= 3 and not any(c["stale"] for c in found["channels"]))
+            daemon.until(ZONE, lambda found: found["samples"] >= 3 and not stale(found))
             assert daemon.get(f"/zones/{ZONE}/forecast")[1]["mean"] == pytest.approx(21.5, abs=1.0)
             wait_until(lambda: held(daemon) == ([False, False], "good"))
 
             refusing.set()
             site.refused.add((1, "holding", 1))
-            status = daemon.until(
-                ZONE,
-                lambda found: (
-                    channel(found, "T_out")["stale"]
-                    and not channel(found, "T_i")["stale"]
-                    and found["state"] == "running"
-                ),
-            )
+            status = daemon.until(ZONE, lambda found: stale(found) == {"T_out"} and found["state"] == "running")
             assert status["faults"]["refused_by_device"] >= 1
             # The forecast says what is held.
             wait_until(lambda: held(daemon) == ([True, False], "uncertain"))
             # It reaches Zenoh with the first interval that lacks the channel.
             assert seen.wait(180), daemon.log()
-            last_good = datetime.fromisoformat(channel(first, "T_out")["last_good"])
+            (told,) = (one["last_good"] for one in first["channels"] if one["channel"] == "T_out")
+            last_good = datetime.fromisoformat(told)
             assert datetime.fromisoformat(first["last_sample_time"]) - last_good <= timedelta(seconds=1), "one period"
-            # Not merely behind its samples of every second, as it may be at times on a busy machine.
-            daemon.until(ZONE, lambda found: found["state"] == "stalled" and "T_out is" in found["reason"])
             assert daemon.terminate() == 0
         subscriber.undeclare()
         assert site.codes == {3}, "of all the frames that the daemon sent"

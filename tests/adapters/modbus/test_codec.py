@@ -7,6 +7,7 @@ import pytest
 
 from adapters.modbus.codec import ORDERS, Format, decode, is_available
 
+LONG = ["0000 1234 5678 9ABC", "9ABC 5678 1234 0000", "0000 3412 7856 BC9A", "BC9A 7856 3412 0000"]
 # Number, type, and its registers in the four orders.
 TABLE = [
     (3.1415927410125732, "float32", ["4049 0FDB", "0FDB 4049", "4940 DB0F", "DB0F 4940"]),
@@ -15,17 +16,9 @@ TABLE = [
     (305419896, "int32", ["1234 5678", "5678 1234", "3412 7856", "7856 3412"]),
     (-2, "int32", ["FFFF FFFE", "FFFE FFFF", "FFFF FEFF", "FEFF FFFF"]),
     (4294967294, "uint32", ["FFFF FFFE", "FFFE FFFF", "FFFF FEFF", "FEFF FFFF"]),
-    (
-        20015998343868,
-        "int64",
-        ["0000 1234 5678 9ABC", "9ABC 5678 1234 0000", "0000 3412 7856 BC9A", "BC9A 7856 3412 0000"],
-    ),
+    (20015998343868, "int64", LONG),
     (-256, "int64", ["FFFF FFFF FFFF FF00", "FF00 FFFF FFFF FFFF", "FFFF FFFF FFFF 00FF", "00FF FFFF FFFF FFFF"]),
-    (
-        20015998343868,
-        "uint64",
-        ["0000 1234 5678 9ABC", "9ABC 5678 1234 0000", "0000 3412 7856 BC9A", "BC9A 7856 3412 0000"],
-    ),
+    (20015998343868, "uint64", LONG),
     (-32767, "int16", ["8001", "8001", "0180", "0180"]),
     (32769, "uint16", ["8001", "8001", "0180", "0180"]),
     (215, "int16", ["00D7", "00D7", "D700", "D700"]),
@@ -46,9 +39,9 @@ def test_every_type_in_every_order(number, type, order, registers):
     assert decode(words(registers), format) == number
 
 
-@pytest.mark.parametrize(("bit", "value"), [(0, 1), (1, 0), (2, 1), (15, 1), (14, 0), (None, 1)])
-def test_a_bit_of_a_register_counts_from_the_least_significant(bit, value):
-    assert decode([0b1000_0000_0000_0101], Format("bool", "ABCD", bit)) == value
+def test_a_bit_of_a_register_counts_from_the_least_significant():
+    bits = {0: 1, 1: 0, 2: 1, 15: 1, 14: 0, None: 1}
+    assert {bit: decode([0b1000_0000_0000_0101], Format("bool", "ABCD", bit)) for bit in bits} == bits
 
 
 @pytest.mark.parametrize(
@@ -70,8 +63,6 @@ def test_values_that_stand_for_none(registers, format, available):
     assert is_available(words(registers), format) is available
 
 
-@pytest.mark.parametrize(
-    ("type", "rollover"), [("uint16", 65536.0), ("uint32", 2.0**32), ("int32", None), ("float32", None)]
-)
-def test_an_unsigned_counter_rolls_over_at_its_width(type, rollover):
-    assert Format(type).rollover == rollover
+def test_an_unsigned_counter_rolls_over_at_its_width():
+    widths = {"uint16": 65536.0, "uint32": 2.0**32, "int32": None, "float32": None}
+    assert {type: Format(type).rollover for type in widths} == widths

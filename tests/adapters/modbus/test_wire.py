@@ -1,6 +1,5 @@
 """The bytes on a serial line against those that the specification prints."""
 
-import asyncio
 import os
 import select
 import threading
@@ -8,6 +7,7 @@ import tty
 
 import pytest
 from support.modbus_plant import channel, source
+from support.sources import collect
 
 from adapters.errors import SourceConfigError, SourceUnavailable
 
@@ -24,9 +24,18 @@ def meter(device, parity="none"):
     return source(502, channels, transport="rtu", host=None, serial=line, timeout=0.5)
 
 
-async def test_a_serial_line_carries_the_frames_of_the_specification():
+@pytest.fixture
+def line():
+    """The two ends of a pseudo-terminal."""
     controller, device = os.openpty()
     tty.setraw(device)
+    yield controller, os.ttyname(device)
+    os.close(controller)
+    os.close(device)
+
+
+async def test_a_serial_line_carries_the_frames_of_the_specification(line):
+    controller, device = line
     received = []
 
     def answer():
@@ -36,39 +45,18 @@ async def test_a_serial_line_carries_the_frames_of_the_specification():
 
     thread = threading.Thread(target=answer)
     thread.start()
-
-    bms = meter(os.ttyname(device))
-    stream = bms.batches(None)
-    batch = await anext(stream)
-    await stream.aclose()
-    found = [reading.value for reading in batch.readings]
-    try:
-        assert found == [0xAE41, 0x5652, 0x4340]
-        thread.join()
-        assert received == [REQUEST]
-    finally:
-        os.close(controller)
-        os.close(device)
+    (batch,) = await collect(meter(device))
+    assert [reading.value for reading in batch.readings] == [0xAE41, 0x5652, 0x4340]
+    thread.join()
+    assert received == [REQUEST]
 
 
-async def test_a_serial_port_that_is_not_there_is_one_sentence():
+async def test_a_port_that_is_not_there_or_does_not_know_the_settings_is_one_sentence(line):
     with pytest.raises(SourceUnavailable, match=r"sources.bms: .*/dev/no-such-port.* check the cable, the name of the"):
-        await anext(meter("/dev/no-such-port").batches(None))
-
-
-def test_a_port_that_does_not_know_the_settings_is_one_sentence():
-    """A pseudo-terminal has no parity."""
-    controller, device = os.openpty()
-
-    async def job():
-        await anext(meter(os.ttyname(device), "even").batches(None))
-
-    try:
-        with pytest.raises(SourceUnavailable, match="cannot be opened"):
-            asyncio.run(job())
-    finally:
-        os.close(controller)
-        os.close(device)
+        await collect(meter("/dev/no-such-port"))
+    # A pseudo-terminal has no parity.
+    with pytest.raises(SourceUnavailable, match="cannot be opened"):
+        await collect(meter(line[1], "even"))
 
 
 async def test_a_missing_serial_library_is_said_before_anything_is_opened(monkeypatch):
@@ -77,6 +65,5 @@ async def test_a_missing_serial_library_is_said_before_anything_is_opened(monkey
     assert bms.check() == [
         "sources.bms: a serial port needs pyserial; install it with: pip install 'thermogate[serial]'"
     ]
-
     with pytest.raises(SourceConfigError, match="needs pyserial"):
-        await anext(bms.batches(None))
+        await collect(bms)

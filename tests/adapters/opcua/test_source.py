@@ -79,13 +79,12 @@ class Plant:
         await server.load_private_key(self.own.private_key, format="pem")
         policies = ["NoSecurity", "Basic256Sha256_Sign", "Basic256Sha256_SignAndEncrypt"]
         server.set_security_policy([ua.SecurityPolicyType[name] for name in policies])
-        space = await server.register_namespace("urn:building")
-        assert space == 2
-        room = await server.nodes.objects.add_object(space, "Room")
-        self.nodes: dict[str, Node] = {}
+        assert await server.register_namespace("urn:building") == 2
+        room = await server.nodes.objects.add_object(2, "Room")
         values = {"T": 21.5, "switch": True, "name": "living", "meter": 100, "nothing": 0.0}
-        for name, value in values.items():
-            self.nodes[name] = await room.add_variable(ua.NodeId(name, space), name, value)
+        self.nodes: dict[str, Node] = {
+            name: await room.add_variable(ua.NodeId(name, 2), name, value) for name, value in values.items()
+        }
         unit = ua.EUInformation(DisplayName=ua.LocalizedText("°C"))
         await self.nodes["T"].add_property(0, "EngineeringUnits", unit)
         await server.start()
@@ -168,10 +167,7 @@ async def test_values_come_with_their_time_and_status(
     async with asyncio.timeout(PATIENCE), aclosing(bms.batches(None)) as stream:
         began = time.time()
         first = await anext(stream)
-        assert {one.channel: one.fault for one in first.readings} == {
-            "z/T": None,
-            "z/other": Fault.REFUSED_BY_DEVICE,
-        }
+        assert {one.channel: one.fault for one in first.readings} == {"z/T": None, "z/other": Fault.REFUSED_BY_DEVICE}
 
         async def until(value: float | None, *marks: object) -> Any:
             """The first reading with the value or one of the marks; those before have what there was."""
@@ -220,10 +216,9 @@ async def test_other_channels_are_taken_up_over_the_same_session(plant: Plant) -
     table = source_table("opcua", url="opc.tcp://other")
     async with asyncio.timeout(PATIENCE), aclosing(bms.batches(None)) as stream:
         assert [one.channel for one in (await anext(stream)).readings] == ["z/T"]
-        before = list(plant.server.bserver.clients)
+        assert (before := list(plant.server.bserver.clients))
         bms.rebind([bound(table, **node("switch"), unit="1")])
         assert [(one.channel, one.value) for one in (await anext(stream)).readings] == [("z/switch", 1.0)]
-        assert before
         assert plant.server.bserver.clients == before
 
 
@@ -261,12 +256,10 @@ def test_files_that_cannot_be_used_are_named(tmp_path: Path, plant: Plant) -> No
         (sentence,) = source(1, [], security=security(ours, server)).check()
         return str(sentence)
 
-    assert "security.certificate" in said(nameless, plant.own)
-    assert "names no application" in said(nameless, plant.own)
+    assert f"security.certificate: {nameless.certificate} names no application" in said(nameless, plant.own)
     assert "text.pem holds no certificate in PEM or DER" in said(plant.client, text)
-    assert "nameless.key is not the unlocked RSA key" in said(
-        plant.client._replace(private_key=nameless.private_key), plant.own
-    )
+    other = plant.client._replace(private_key=nameless.private_key)
+    assert "nameless.key is not the unlocked RSA key" in said(other, plant.own)
     assert source(1, [], security=security(plant.client, plant.own)).check() == []
 
 
