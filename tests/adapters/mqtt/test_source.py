@@ -17,6 +17,7 @@ from support.sources import bound, source_table
 from support.waiting import until
 from support.zenoh_plant import certificates, listening
 
+import adapters.messages.subscribed
 import adapters.mqtt.broker
 import adapters.mqtt.source
 from adapters.errors import SourceConfigError, SourceUnavailable
@@ -155,6 +156,7 @@ class Unconfirmed:
 async def test_a_change_of_subscriptions_that_fails_opens_the_connection_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     client = Unconfirmed()
     monkeypatch.setattr(adapters.mqtt.source, "connected", client.connected)
+    monkeypatch.setattr(adapters.messages.subscribed, "LOOK", 0.05)
 
     watched = source(1, T)
     known, more, still_more = (
