@@ -65,33 +65,16 @@ def route(
     return add
 
 
-def events_route(
-    router: APIRouter, path: str, text: str, summary: str, refused: Sequence[int]
-) -> Callable[[Route], Route]:
-    """Decorator: a route of server-sent events, which are `text`; it returns them as they come."""
-    kind: dict[int | str, dict[str, Any]] = {
-        200: {"description": f"Server-sent events: {text}", "content": {_EVENTS: {"schema": {"type": "string"}}}}
-    }
+def streaming(text: str) -> dict[str, Any]:
+    """What `route` is told of one that answers with server-sent events, which are `text`."""
+    kind = {"description": f"Server-sent events: {text}", "content": {_EVENTS: {"schema": {"type": "string"}}}}
+    return {"responses": {200: kind}, "response_class": Response, "dependencies": [Depends(stream_slot)]}
 
-    def add(function: Route) -> Route:
-        @wraps(function)
-        async def answered(**given: Any) -> Response:
-            events: AsyncIterator[bytes] = await function(**given)
-            headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-            return StreamingResponse(events, headers=headers, media_type=_EVENTS)
 
-        router.add_api_route(
-            path,
-            answered,
-            response_class=Response,
-            response_model=None,
-            responses=kind | documented(*refused),
-            dependencies=[Depends(stream_slot)],
-            summary=summary,
-        )
-        return function
-
-    return add
+def streamed(events: AsyncIterator[bytes]) -> Response:
+    """Server-sent events as they come."""
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+    return StreamingResponse(events, headers=headers, media_type=_EVENTS)
 
 
 def json_answer(content: bytes) -> Response:

@@ -6,14 +6,14 @@ from collections.abc import AsyncIterator
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Header
+from fastapi import APIRouter, Header, Response
 from fastapi.concurrency import run_in_threadpool
 
 from adapters.fields.times import parse_time
 from service.publish.events import Event, event, events_of
 from service.publish.sinks import TOPICS, Announcement, Reports
 from service.records.record import document
-from service.web.answering import epoch, events_route
+from service.web.answering import epoch, route, streamed, streaming
 from service.web.history import history_of
 from service.web.site import Asked, Here
 
@@ -23,18 +23,18 @@ MISSED_ROWS = 1000
 router = APIRouter(tags=["zones"])
 
 
-@events_route(
+@route(
     router,
-    "/zones/{zone}/stream",
-    f"{', '.join(TOPICS)}; history after a Last-Event-ID",
-    summary=f"Every new {', '.join(TOPICS[:-1])} and {TOPICS[-1]} as it is issued",
+    "GET /zones/{zone}/stream",
     refused=(404, 422, 429, 500, 503),
+    **streaming(f"{', '.join(TOPICS)}; history after a Last-Event-ID"),
 )
 async def stream(
     site: Here,
     view: Asked,
     last_event_id: Annotated[str | None, Header(description="id of the last event that came")] = None,
-) -> AsyncIterator[bytes]:
+) -> Response:
+    """Every new forecast, ahead, volatility, gate, gain, skill, trust and status as it is issued"""
     since, missed = epoch(_sample_time(last_event_id)), list[Event]()
     if since is not None and (rows := await view.history(since + 1, None, MISSED_ROWS)):
         written = await run_in_threadpool(lambda: document(history_of(view, rows), site.id, view.id))
@@ -48,7 +48,7 @@ async def stream(
             async for data in opened.read():
                 yield data
 
-    return events()
+    return streamed(events())
 
 
 def _sample_time(last_event_id: str | None) -> datetime | None:

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from fastapi import APIRouter
+from fastapi import APIRouter, Response
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 from adapters.reading import Quality
@@ -19,7 +19,7 @@ from service.records.record import document
 from service.records.series import Series
 from service.records.view import ZoneView
 from service.web.access import Asking, Caller
-from service.web.answering import events_route, route
+from service.web.answering import route, streamed, streaming
 from service.web.page.payloads import (
     ExpectedPayload,
     FindingName,
@@ -82,15 +82,10 @@ def overview_routes(site: Site) -> APIRouter:
         rows = tuple(row(zone, sparks.get(name)) for name, zone in tuple(zones.items()) if caller.sees(name))
         return OverviewPayload(site.backend.time_zone, rows)
 
-    @events_route(
-        router,
-        "/overview/stream",
-        "`rows`, an OverviewChange each",
-        summary="What changes at a glance, at most once a second",
-        refused=(429, 500, 503),
-    )
-    async def stream(caller: Asking) -> AsyncIterator[bytes]:
-        return _events(caller)
+    @route(router, "GET /overview/stream", refused=(429, 500, 503), **streaming("`rows`, an OverviewChange each"))
+    async def stream(site: Here, caller: Asking) -> Response:
+        """What changes at a glance, at most once a second"""
+        return streamed(_events(caller))
 
     async def _events(caller: Caller) -> AsyncIterator[bytes]:
         with streams.opened() as news:
