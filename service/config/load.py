@@ -204,7 +204,7 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config:
     fleet = problems.read(FleetConfig, raw["fleet"], ("fleet",), context) if "fleet" in raw else None
     sinks = {name: problems.read(kind.table, raw.get(name, {}), (name,), context) for name, kind in SINK_KINDS.items()}
     for name, table in sinks.items():
-        for problem in SINK_KINDS[name].problems(table) if table is not None else ():
+        for problem in table.problems() if table is not None else ():
             problems.add((name,), problem)
     raw_sources = _raw_sources(raw, problems)
     weather = _read_weather(raw.get("weather", {}), problems, context)

@@ -62,6 +62,12 @@ class LinesConfig(LoginConfig):
             raise ValueError('user and database need url, such as url = "http://127.0.0.1:8086"')
         return self
 
+    def problems(self) -> Iterator[str]:
+        """As of LoginConfig, and whether the file can be there."""
+        yield from super().problems()
+        if self.file is not None and not self.file.parent.is_dir():
+            yield f"file: {self.file.parent} is no folder; make it, or give another file"
+
 
 Write = Callable[[str], None]
 """Writes lines, all or none. Raises SourceUnavailable where they may be taken later, SourceConfigError where they never
@@ -236,16 +242,10 @@ def _seconds(written: str) -> float:
     return datetime.fromisoformat(written).timestamp()
 
 
-def _problems(table: LinesConfig) -> Iterator[str]:
-    yield from table.problems()
-    if table.file is not None and not table.file.parent.is_dir():
-        yield f"file: {table.file.parent} is no folder; make it, or give another file"
-
-
 def _open(table: LinesConfig, site: str) -> Writer | None:
     if table.url is not None:
         return Writer(to_database(table, table.url)).open()
     return None if table.file is None else Writer(to_file(table.file)).open()
 
 
-KIND = SinkKind("influxdb", LinesConfig, lambda table: list(_problems(table)), _open)
+KIND = SinkKind("influxdb", LinesConfig, _open)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator
 from typing import Annotated, Self
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -57,6 +57,10 @@ class MqttConfig(BrokerConfig):
         if self.host is None and given:
             raise ValueError(f'{shown(given[0])} needs host, the broker to publish on, such as host = "192.168.1.10"')
         return self
+
+    def problems(self) -> Iterator[str]:
+        """As of BrokerConfig, where there is a broker."""
+        return iter(()) if self.host is None else super().problems()
 
 
 class Publisher(Sink):
@@ -208,10 +212,6 @@ class Publisher(Sink):
         await asyncio.gather(*map(send, pending))
 
 
-def _problems(table: MqttConfig) -> Sequence[str]:
-    return [] if table.host is None else list(table.problems())
-
-
 def _open(table: MqttConfig, site: str) -> Publisher | None:
     if table.host is None:
         return None
@@ -219,4 +219,4 @@ def _open(table: MqttConfig, site: str) -> Publisher | None:
     return Publisher(broker, site, table.discovery_prefix if table.home_assistant else None, table.page).open()
 
 
-KIND = SinkKind("mqtt", MqttConfig, _problems, _open)
+KIND = SinkKind("mqtt", MqttConfig, _open)

@@ -8,8 +8,7 @@ from enum import Enum
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from pydantic import BaseModel
-
+from adapters.fields.logins import LoginConfig
 from service.errors import ServiceError
 from service.publish.payloads import (
     AheadPayload,
@@ -154,10 +153,9 @@ def tell(sinks: Iterable[Sink], announcement: Announcement) -> None:
 
 
 class SinkKind(NamedTuple):
-    """A kind of sink that the configuration opens: the name of its table, the table, what is wrong with one beyond what
-    the table itself refuses, and how it is opened for a site; None where the table says that it is not wanted."""
+    """A kind of sink that the configuration opens: the name of its table, the table, and how it is opened for a site;
+    None where the table says that it is not wanted."""
 
     name: str
-    table: type[BaseModel]
-    problems: Callable[[Any], Sequence[str]]
+    table: type[LoginConfig]
     open: Callable[[Any, str], Sink | None]

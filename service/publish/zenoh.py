@@ -13,7 +13,7 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from threading import BoundedSemaphore
@@ -83,6 +83,10 @@ class ZenohConfig(SessionConfig):
         if self.enabled and self.mode == "client" and not self.connect:
             raise ValueError('mode "client" needs a router to connect to; list it in connect, or use mode "peer"')
         return self
+
+    def problems(self) -> Iterator[str]:
+        """As of SessionConfig, where the session is wanted."""
+        return super().problems() if self.enabled else iter(())
 
 
 class Publisher(Sink):
@@ -310,12 +314,8 @@ def _matches(publisher: zenoh.Publisher) -> bool:
     return bool(getattr(status, "matching", status))
 
 
-def _problems(table: ZenohConfig) -> Sequence[str]:
-    return list(table.problems()) if table.enabled else []
-
-
 def _open(table: ZenohConfig, site: str) -> Publisher | None:
     return Publisher.open(table, site) if table.enabled else None
 
 
-KIND = SinkKind("zenoh", ZenohConfig, _problems, _open)
+KIND = SinkKind("zenoh", ZenohConfig, _open)
