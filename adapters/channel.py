@@ -166,11 +166,6 @@ class RecordedConfig(SourceConfig):
 
     pace: Pace = Field(default=inf, description='multiple of real time; `"max"`: as fast as possible')
 
-    @property
-    def multiple(self) -> float | None:
-        """The multiple of real time; None for as fast as possible."""
-        return None if self.pace == inf else self.pace
-
 
 class LiveConfig(SourceConfig):
     """The table of a live source."""

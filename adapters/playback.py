@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from math import isfinite
+from math import inf, isfinite
 
 from adapters.channel import Binding, RecordedConfig
 from adapters.reading import Batch, Reading, Source
@@ -18,7 +18,7 @@ class RecordedSource(Source):
 
     def __init__(self, name: str, table: RecordedConfig, bindings: Sequence[Binding]) -> None:
         self.name = name
-        self._pace, self._closed = table.multiple, False
+        self._pace, self._closed = table.pace, False
         self._edges = [(one.id, one.edge()) for one in bindings]
         """Of each channel its id and its edge."""
         self._origin: tuple[float, float] | None = None
@@ -51,7 +51,7 @@ class RecordedSource(Source):
 
     def _delay(self, time: float) -> float:
         """Seconds until `time` is due; 0 or less if it is already."""
-        if self._pace is None or not isfinite(time):
+        if self._pace == inf or not isfinite(time):
             return 0.0
         real = asyncio.get_running_loop().time()
         if self._origin is None:

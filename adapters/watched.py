@@ -52,11 +52,11 @@ class Watched:
     """
 
     point: Any
-    place: str
 
     def __init__(self, binding: Binding, longest_stretch: float, rollover: float | None = None) -> None:
         """`longest_stretch`: no power is made of counts that lie further apart, in s."""
         self.binding, self.id = binding, binding.id
+        self.place: str = binding.channel.address
         self.edge = binding.edge(rollover)
         self.converter = LiveConverter(binding.id, self.edge, longest_stretch, binding.channel.stuck_after)
 

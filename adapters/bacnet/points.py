@@ -23,7 +23,6 @@ class BacnetChannel(Watched):
         self.device: int = channel.device
         self.object = parse_object(channel.object)
         self.point = self.device, self.object
-        self.place = f"device {self.device} {self.object}"
         self.unit: str | None = channel.stated_unit if channel.compare_units else None
         self.address: str | None = channel.at
         self.cov = bool(channel.cov)

@@ -98,7 +98,7 @@ class CsvSource(RecordedSource):
     def _groups(self, table: Table, first: int) -> Iterator[tuple[int, int]]:
         """Row ranges (begin, end) of the batches: rows of one time when paced, a fixed number of them otherwise."""
         rows = table.order.size
-        if self._pace is None:
+        if self._pace == inf:
             size = max(1, _BATCH_READINGS // max(1, len(self._channels)))
             edges = [*range(first, rows, size), rows]
         else:

@@ -37,7 +37,7 @@ class OpcuaChannel(Watched):
 
     def __init__(self, binding: Binding, poll: float) -> None:
         super().__init__(binding, POLLS_IN_A_STRETCH * poll)
-        self.point = self.place = str(binding.channel.node)
+        self.point = str(binding.channel.node)
         self.subscribe = bool(binding.channel.subscribe)
 
 

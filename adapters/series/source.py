@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Sequence
+from math import inf
 
 from adapters.channel import Binding
 from adapters.edge import Converter, looked_at
@@ -40,7 +41,7 @@ class SeriesSource(RecordedSource):
                 found += [one for one in readings if one is not None and (start is None or not one.time < start)]
             return found
 
-        window = (_PAGE if self._pace is None else 1) * self._step
+        window = (_PAGE if self._pace == inf else 1) * self._step
         try:
             with said_of(self.name):
                 begin, last = await self._database.span(self._channels)

@@ -13,9 +13,7 @@ import time
 import tomllib
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import jsonschema
@@ -26,6 +24,7 @@ from support.harness import ROOT, ask
 from support.processes import Program
 from support.recorder import database
 from support.waiting import PATIENCE, wait_until
+from support.web_answers import answering
 
 REPOSITORY = ROOT / "deploy" / "home-assistant" / "addon"
 FOLDER = REPOSITORY / "thermogate"
@@ -67,39 +66,25 @@ def test_every_option_is_explained(language: str) -> None:
         assert f"{field}:" in texts["rooms"]["description"]
 
 
-class Supervisor(BaseHTTPRequestHandler):
-    """Its interface as far as the add-on asks it: the broker, and Home Assistant's configuration and states."""
-
-    server: House
-
-    def do_GET(self) -> None:
-        status, answer = self.server.answer(self.path, self.headers.get("Authorization"))
-        body = json.dumps(answer).encode()
-        self.send_response(status)
-        self.send_header("Content-Length", str(len(body)))
-        self.end_headers()
-        self.wfile.write(body)
-
-    def log_message(self, *_: object) -> None:
-        pass
-
-
-class House(ThreadingHTTPServer):
-    """A house whose states a test can change while it is asked."""
+class House:
+    """The Supervisor's interface as far as the add-on asks it: the broker, and Home Assistant's configuration and
+    states, which a test can change while they are asked for."""
 
     def __init__(self) -> None:
-        super().__init__(("127.0.0.1", 0), Supervisor)
+        self.url = ""
+        self.mqtt: dict[str, Any] | None = None
         self.states: dict[str, tuple[str, dict[str, Any]]] = {
             "weather.home": ("sunny", {"temperature": 41.0, "temperature_unit": "°F"}),
             "climate.living": ("heat", {"current_temperature": 68.0, "temperature": 70.0, "hvac_action": "heating"}),
             "climate.attic": ("heat", {"temperature": 70.0}),
             "climate.bath": ("heat", {"current_temperature": 68.0}),
         }
-        self.mqtt: dict[str, Any] | None = None
 
-    def answer(self, path: str, authorization: str | None) -> tuple[int, Any]:
-        if authorization != f"Bearer {TOKEN}":
-            return 401, {"result": "error"}
+    def answer(self, path: str, authorization: str | None) -> tuple[int, bytes]:
+        status, found = self._found(path) if authorization == f"Bearer {TOKEN}" else (401, {"result": "error"})
+        return status, json.dumps(found).encode()
+
+    def _found(self, path: str) -> tuple[int, Any]:
         if path == "/services/mqtt":
             return (200, {"result": "ok", "data": self.mqtt}) if self.mqtt else (400, {"result": "error"})
         if path == "/core/api/config":
@@ -114,19 +99,16 @@ class House(ThreadingHTTPServer):
 
 @pytest.fixture
 def house() -> Iterator[House]:
-    with House() as running:
-        Thread(target=running.serve_forever, daemon=True).start()
+    running = House()
+    with answering(running.answer) as running.url:
         yield running
-        running.shutdown()
 
 
 @pytest.fixture
 def site(tmp_path: Path, house: House) -> Iterator[Mosquitto]:
     """A broker that takes one user, which the Supervisor knows."""
     passwords = tmp_path / "passwords"
-    subprocess.run(
-        [program("mosquitto_passwd"), "-b", "-c", passwords, "addons", "secret"], check=True, timeout=PATIENCE
-    )
+    subprocess.run([program("mosquitto_passwd"), "-b", "-c", passwords, "addons", "secret"], check=True)
     with broker(tmp_path, "allow_anonymous false", f"password_file {passwords}") as running:
         house.mqtt = {"host": "127.0.0.1", "port": running.port, "ssl": False, "protocol": "3.1.1"}
         house.mqtt |= {"username": "addons", "password": "secret"}
@@ -143,7 +125,7 @@ class Addon(Program):
         environment = os.environ | {
             "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
             "SUPERVISOR_TOKEN": TOKEN,
-            "SUPERVISOR_URL": f"http://127.0.0.1:{house.server_port}",
+            "SUPERVISOR_URL": house.url,
             "ADDON_DATA": str(data),
             "HOMEASSISTANT_CONFIG": str(folder),
             "TELEMETRY_SECONDS": "0.2",
@@ -156,20 +138,16 @@ class Addon(Program):
         self.terminate()
 
 
-def kept(folder: Path, days: float) -> None:
-    """The recorder's database of a thermostat in °F over the last `days`."""
-    began, rows = time.time() - timedelta(days=days).total_seconds(), []
-    for minute in range(int(days * 1440)):
-        heats = minute % 60 < 20
-        warmth = 68 + 2 * math.sin(minute / 60 * math.tau)
-        living = {
-            "current_temperature": round(warmth, 1),
-            "temperature": 70.0,
-            "hvac_action": "heating" if heats else "idle",
-        }
+def kept(folder: Path, hours: int) -> None:
+    """The recorder's database of a thermostat in °F over the last `hours`, with a state every ten seconds."""
+    began, rows = time.time() - 3600 * hours, []
+    for step in range(360 * hours):
+        minute = step / 6
+        warmth, action = 68 + 2 * math.sin(minute / 60 * math.tau), "heating" if minute % 60 < 20 else "idle"
+        living = {"current_temperature": round(warmth, 1), "temperature": 70.0, "hvac_action": action}
         outdoor = {"temperature": round(41 + 9 * math.sin(minute / 1440 * math.tau), 1), "temperature_unit": "°F"}
-        rows.append((60 * minute, "climate.living", ("heat", json.dumps(living))))
-        rows.append((60 * minute, "weather.home", ("sunny", json.dumps(outdoor))))
+        rows.append((10 * step, "climate.living", ("heat", json.dumps(living))))
+        rows.append((10 * step, "weather.home", ("sunny", json.dumps(outdoor))))
     database(folder / "home-assistant_v2.db", rows, began=began)
 
 
@@ -178,14 +156,15 @@ def party(site: Mosquitto, *topics: str) -> Party:
 
 
 def test_from_the_options_to_a_forecast_of_a_room_with_history(tmp_path: Path, house: House, site: Mosquitto) -> None:
-    kept(tmp_path, 0.5)
+    kept(tmp_path, hours=4)
     rooms = [
         {"name": "living", "thermostat": "climate.living", "power": 1200.0},
         ATTIC,
         {"name": "bath", "thermostat": "climate.bath"},
         {"name": "cellar", "thermostat": "climate.cellar"},
     ]
-    quick = ("--set", 'zones.living.estimator="ekf"', "--set", 'zones.living.period="1min"')
+    changes = ('zones.living.estimator="ekf"', 'zones.living.period="10s"', 'zones.living.lateness="1s"')
+    quick = [word for change in changes for word in ("--set", change)]
     ahead, telemetry = "thermogate/home/living/ahead", "thermogate-telemetry/living"
     with (
         party(site, ahead, telemetry, "homeassistant/#") as listening,
@@ -198,14 +177,13 @@ def test_from_the_options_to_a_forecast_of_a_room_with_history(tmp_path: Path, h
         assert "room cellar: Home Assistant has no entity 'climate.cellar'; choose one of" in said
         assert "history could not be learned" not in said
         wait_until(lambda: {ahead, telemetry} < listening.newest().keys())
-        # Twelve hours in degF have been learned, so that the first live interval need not be waited for.
+        # Four hours in degF have been learned, so that the first live interval need not be waited for.
         forecast = json.loads(listening.newest()[ahead])
         assert 12.0 < forecast["outputs"][0]["horizons"][0]["mean"] < 28.0
         told = json.loads(listening.newest()[telemetry])
         assert datetime.fromisoformat(told.pop("time")) - datetime.now(UTC) < timedelta(minutes=5)
         assert told == {"T_i": 68.0, "T_out": 41.0, "u_heat": 1.0, "setpoint": 70.0}
         url = running.says(r"serving on (\S+)")[1]
-        # The first interval closes within a minute and its lateness.
         status = lambda: ask(f"{url}/zones/living")[1]["status"]  # noqa: E731
         wait_until(lambda: all(one["last_good"] for one in status()["channels"]))
         assert status()["faults"] == {}

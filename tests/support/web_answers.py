@@ -9,12 +9,12 @@ from threading import Thread
 
 
 @contextmanager
-def answering(answer: Callable[[str], tuple[int, bytes]]) -> Iterator[str]:
-    """The address of a server that gives status and body by the path of a GET."""
+def answering(answer: Callable[[str, str | None], tuple[int, bytes]]) -> Iterator[str]:
+    """The address of a server that gives status and body by the path of a GET, and who says to ask."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            status, body = answer(self.path)
+            status, body = answer(self.path, self.headers.get("Authorization"))
             self.send_response(status)
             self.send_header("Content-Length", str(len(body)))
             self.end_headers()

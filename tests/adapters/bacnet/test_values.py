@@ -60,20 +60,19 @@ def test_what_is_something_else_is_refused(kind, tag, octets):
         read(kind, tag, octets)
 
 
-@pytest.mark.parametrize(
-    ("octets", "expected", "quality"),
-    [
-        (b"\x04\x00", Flags(), Quality.GOOD),
-        (b"\x04\x80", Flags(in_alarm=True), Quality.GOOD),
-        (b"\x04\x40", Flags(fault=True), Quality.BAD),
-        (b"\x04\x20", Flags(overridden=True), Quality.UNCERTAIN),
-        (b"\x04\x10", Flags(out_of_service=True), Quality.BAD),
-        (b"\x00", Flags(), Quality.GOOD),
-    ],
-)
-def test_status_flags_and_their_quality(octets, expected, quality):
-    assert read(flags, 8, octets) == expected
-    assert expected.quality is quality
+QUALITIES = {
+    b"\x04\x00": (Flags(), Quality.GOOD),
+    b"\x04\x80": (Flags(in_alarm=True), Quality.GOOD),
+    b"\x04\x40": (Flags(fault=True), Quality.BAD),
+    b"\x04\x20": (Flags(overridden=True), Quality.UNCERTAIN),
+    b"\x04\x10": (Flags(out_of_service=True), Quality.BAD),
+    b"\x00": (Flags(), Quality.GOOD),
+}
+
+
+def test_status_flags_and_their_quality():
+    found = {octets: read(flags, 8, octets) for octets in QUALITIES}
+    assert {octets: (one, one.quality) for octets, one in found.items()} == QUALITIES
 
 
 def test_objects_as_people_write_them():

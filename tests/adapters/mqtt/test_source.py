@@ -131,6 +131,7 @@ class Unconfirmed:
     def __init__(self) -> None:
         self.asked: list[list[str]] = []
         """The topics of the subscriptions, by connection."""
+        self.check = lambda: None
 
     @asynccontextmanager
     async def connected(self, *_: object) -> AsyncIterator[Unconfirmed]:
@@ -146,9 +147,6 @@ class Unconfirmed:
     async def unsubscribe(self, topics: set[str]) -> None:
         pass
 
-    def check(self) -> None:
-        pass
-
     async def close(self) -> None:
         pass
 
@@ -159,9 +157,8 @@ async def test_a_change_of_subscriptions_that_fails_opens_the_connection_anew(mo
     monkeypatch.setattr(adapters.messages.subscribed, "LOOK", 0.05)
 
     watched = source(1, T)
-    known, more, still_more = (
-        bound(watched._table, **one) for one in (T, OTHER, {"id": "room/u", "topic": "home/meter"})
-    )
+    meter = {"id": "room/u", "topic": "home/meter"}
+    known, more, still_more = (bound(watched._table, **one) for one in (T, OTHER, meter))
     async with listening(watched) as heard:
         await heard.until(lambda: heard.batches)
         watched.rebind([known, more])
@@ -277,17 +274,10 @@ async def test_what_the_broker_refuses_is_a_sentence(
     assert "\n" not in str(refused.value)
 
 
-async def test_what_is_wrong_without_connecting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "junk").write_text("no certificate", encoding="utf-8")
-    tls = {"ca": tmp_path / "junk"}
-    wrong = source(1, tls=tls, user="bms", password_file=tmp_path / "missing").check()
-    assert wrong == [
-        f"sources.bms: password_file: {tmp_path}/missing cannot be read (no such file or directory)",
-        f"sources.bms: tls.ca: {tmp_path}/junk holds no certificate in PEM; give the certificate of the authority",
-    ]
+async def test_a_missing_library_is_said_before_connecting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is wrong with files of passwords and certificates is the same for every kind; see those of Zenoh."""
     monkeypatch.setattr(adapters.mqtt.broker, "find_spec", lambda name: None)
     sentence = "sources.bms: MQTT needs the package paho-mqtt; install it with pip install 'thermogate[mqtt]'"
     assert source(1).check() == [sentence]
-
     with pytest.raises(SourceConfigError, match="needs the package paho-mqtt"):
         await anext(source(1).batches(None))

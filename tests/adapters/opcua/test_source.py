@@ -224,7 +224,7 @@ async def test_other_channels_are_taken_up_over_the_same_session(plant: Plant) -
 
 def security(ours: Pair, server: Pair, **keys: Any) -> dict[str, Any]:
     files = {"certificate": ours.certificate, "private_key": ours.private_key}
-    return {name: str(path) for name, path in files.items()} | {"server_certificate": str(server.certificate)} | keys
+    return files | {"server_certificate": server.certificate} | keys
 
 
 @pytest.mark.parametrize("mode", ["sign", "encrypt"])

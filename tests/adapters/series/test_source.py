@@ -137,7 +137,7 @@ def test_a_query_of_another_form_is_refused(query):
 
 
 def test_a_server_that_is_another_one():
-    with answering(lambda path: (200, b"<html>" if "query_range" in path else b'{"results": 1}')) as url:
+    with answering(lambda path, _: (200, b"<html>" if "query_range" in path else b'{"results": 1}')) as url:
         other = {"kind": "prometheus", "url": url}
         with pytest.raises(SourceUnavailable, match="does not answer in JSON"):
             readings(other, "up")

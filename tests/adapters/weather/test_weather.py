@@ -164,7 +164,7 @@ def test_an_address_is_asked_again_and_again_and_named_where_it_refuses_or_is_no
     async def twice(forecasts: AsyncIterator[WeatherForecast]) -> list[WeatherForecast]:
         return [await anext(forecasts), await anext(forecasts)]
 
-    with answering(lambda path: answers.pop(0)) as url:
+    with answering(lambda *_: answers.pop(0)) as url:
         one, two = first(json_address("outlook", f"{url}/v1/forecast", 0.01), twice)
         assert one.series["temperature_2m"].values.tolist() == [3.0, 5.0]
         assert two.issued == NOON

@@ -167,11 +167,11 @@ async def test_files_of_certificates_that_cannot_be_used_are_said_before_connect
     (missing,) = problems({"ca": folder / "nothing.pem"})
     assert missing == f"sources.bms: tls.ca: {folder}/nothing.pem cannot be read (no such file or directory)"
     (nonsense,) = problems({"ca": folder / "ca.key"})
-    assert "holds no certificate in PEM" in nonsense
+    assert nonsense.endswith("/ca.key holds no certificate in PEM; give the certificate of the authority")
     (foreign,) = problems({"certificate": folder / "client.pem", "private_key": folder / "server.key"})
     assert "the unlocked key that belongs to it" in foreign
     (secret,) = problems({}, user="x", password_file=folder / "nothing")
-    assert secret.startswith("sources.bms: password_file: ")
+    assert secret == f"sources.bms: password_file: {folder}/nothing cannot be read (no such file or directory)"
     assert "tls.ca" in await verdict("tls/127.0.0.1:1", tls={"ca": folder / "nothing.pem"})
 
 
