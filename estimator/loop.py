@@ -27,7 +27,7 @@ from estimator.diagnosis.diagnose import diagnose, due
 from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record, no_record, with_sample
 from estimator.diagnosis.telemetry import lies
-from estimator.diagnosis.telemetry.earlier import Earlier, differ, doubtful_since, kept, known_at
+from estimator.diagnosis.telemetry.earlier import Earlier, differ, doubtful_since, keeps, kept, known_at
 from estimator.diagnosis.telemetry.recent import Recent, inputs_at, nothing_recent, with_measured
 from estimator.foresight import Day, foreseen, no_day, strays, with_inputs
 from estimator.heat.known import KnownHeat
@@ -234,7 +234,7 @@ class Loop:
         phase, suspicions = self._seed % lies.EVERY, carried.suspicions
         looked = (time + phase) // lies.EVERY != (time + period + phase) // lies.EVERY
         if looked:
-            suspicions = lies.looked(network, recent, carried.suspicions, time + period)
+            suspicions = lies.looked(network, recent, carried.suspicions, time + period, carried.thermostat.memory)
             found = carried.diagnosis._replace(findings=lies.among(carried.diagnosis.findings, network, suspicions))
             after = after._replace(suspicions=suspicions, diagnosis=found)
         since = doubtful_since(carried.suspicions, suspicions, time)
@@ -242,11 +242,12 @@ class Loop:
             after = after._replace(thermostat=thermostats.without(after.thermostat, since))
             given_up = known_at(carried.earlier, since) if differ(carried.suspicions, suspicions) else None
             return after if given_up is None else self._gone_back(after, given_up, outputs, drive)
-        if not looked or suspicions or carried.standing is None:
+        if not looked or suspicions or carried.standing is None or not keeps(carried.earlier, time):
             return after
         # Its temperatures and what waits for its time would be given up anyway, and are most of a state.
         state = self.estimator.restart(carried.standing.state, self._believable(after, outputs), drive)
-        return after._replace(earlier=kept(carried.earlier, time, state, self.live.restarted(carried.live)))
+        known = Earlier(time, state, self.live.restarted(carried.live))
+        return after._replace(earlier=kept(carried.earlier, known))
 
     def _gone_back(self, carried: Carried, earlier: Earlier, outputs: Array, drive: Array) -> Carried:
         """`carried` with what had been learned `earlier`. The thermal states begin anew at `outputs` (n_y,), or at what

@@ -78,6 +78,11 @@ def at(memory: Memory, values: Array, times: Array) -> Array:
     return rows
 
 
+def setpoints(memory: Memory, times: Array) -> Array:
+    """(h,): what the thermostat was set to at `times` (h,) [UTC s]; NaN where that is not remembered."""
+    return at(memory, memory.setpoints, times) if len(memory.times) else np.full(len(times), np.nan)
+
+
 def reaches_back(memory: Memory, time: float) -> bool:
     """Whether something is remembered of a day before `time` [UTC s]."""
     return bool((memory.times <= time - _DAY).any())

@@ -25,11 +25,14 @@ class Earlier(NamedTuple):
     """What live forecasts had proved to be worth, and none that was pending."""
 
 
-def kept(earlier: tuple[Earlier, ...], time: float, state: Any, live: Live) -> tuple[Earlier, ...]:
-    """`earlier` after a look at `time` [UTC s] that found nothing to suspect; nothing is pending in `live`."""
-    if earlier and time - earlier[-1].time < _EVERY:
-        return earlier
-    return (*earlier[-1:], Earlier(time, state, live))
+def keeps(earlier: tuple[Earlier, ...], time: float) -> bool:
+    """Whether what is known is to be kept after a look at `time` [UTC s] that found nothing to suspect."""
+    return not earlier or time - earlier[-1].time >= _EVERY
+
+
+def kept(earlier: tuple[Earlier, ...], new: Earlier) -> tuple[Earlier, ...]:
+    """`earlier` with a `new` one."""
+    return (*earlier[-1:], new)
 
 
 def doubtful_since(before: Iterable[Suspicion], now: Iterable[Suspicion], time: float) -> float | None:

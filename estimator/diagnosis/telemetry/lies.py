@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
 
 from estimator.arrays import Array
 from estimator.diagnosis.finding import (
@@ -27,9 +28,10 @@ from estimator.diagnosis.finding import (
     UNIT_CHANGED,
     Finding,
 )
-from estimator.diagnosis.telemetry.recent import Recent, slot, until
+from estimator.diagnosis.telemetry.recent import Recent, begins, slot, until
 from estimator.diagnosis.telemetry.response import Response, gathered, response
 from estimator.network.network import Network
+from estimator.thermostat.memory import Memory, setpoints
 
 EVERY = 3600
 """s between two looks at the telemetry."""
@@ -59,6 +61,15 @@ _ABOVE = 1.5
 _NEVER = 1e3
 _SPREAD = np.linspace(0.05, 0.95, 10)
 """Quantiles of the usual heat, which stand for what a dead meter does not tell."""
+
+_BEYOND = 0.25
+"""Share of the range of the reference by which it may be warmer or colder around the room than ever."""
+
+_STILL_WARM = 3.0
+"""h."""
+
+_TURNED = 6.0
+"""h after which a day must still be upside down: a front turns one for a while."""
 
 _LATELY = 12.0
 """h in which spikes count."""
@@ -92,6 +103,8 @@ class Look(NamedTuple):
     """(k, n): all since then."""
     response: Response | None
     """How the room answered its inputs in the reference; None where it is too short."""
+    setpoints: Array
+    """(m + k,): what the thermostat was set to [degC]; NaN where nobody told."""
 
     def slots(self, hours: float) -> int:
         """Slots in so many hours, at least one."""
@@ -112,15 +125,18 @@ def kinds(network: Network) -> tuple[Kind, ...]:
     return ("room", *(of_units.get(network.channel_unit(channel), "other") for channel in network.inputs))
 
 
-def looked(network: Network, recent: Recent, before: tuple[Suspicion, ...], time: float) -> tuple[Suspicion, ...]:
-    """What is suspected at `time` [UTC s], when these stood `before`."""
+def looked(
+    network: Network, recent: Recent, before: tuple[Suspicion, ...], time: float, memory: Memory
+) -> tuple[Suspicion, ...]:
+    """What is suspected at `time` [UTC s], when these stood `before` and `memory` is what the thermostat was told."""
     rows, step = until(recent, time), slot(recent) / _HOUR
     onset = min([time - _RECENT, *(one.since for one in before)])
     split = len(rows) - min(len(rows), round((time - onset) / slot(recent)))
     if np.isfinite(rows[:split, 0]).sum() * step < _LEAST * 24.0:
         return ()
     of = kinds(network)
-    look = Look(of, step, rows[:split], rows[split:], response(rows, split, of))
+    told = setpoints(memory, begins(recent, time))
+    look = Look(of, step, rows[:split], rows[split:], response(rows, split, of), told)
     found = {(name, column): hours for test in _TESTS for name, column, hours in test(look)}
     # Channels that have changed places are no other riddle.
     if any(name == CHANNELS_SWAPPED for name, _ in found):
@@ -277,22 +293,20 @@ def _exchanged(outside: _Jump, room: list[_Jump]) -> bool:
 
 def _turned(look: Look) -> Found:
     """A thermometer outside whose days are upside down."""
-    day = look.slots(24.0)
+    day, later = look.slots(24.0), look.slots(_TURNED)
     for column in look.columns("outside"):
-        past, last = look.past[:, column], look.new[-day:, column]
+        past, new = look.past[:, column], look.new[:, column]
         whole = past[len(past) % day :].reshape(-1, day)
-        if len(whole) < 4 or np.isnan(last).mean() > 0.2:
+        if len(whole) < 4 or len(new) < day + later or np.isnan(new[-day:]).mean() > 0.2:
             continue
-        # The reference ends when the new rows begin: their first slot is the one after a whole day.
-        shape = (
-            np.roll(np.nanmean(whole, axis=0), -(len(look.new) % day)) if len(look.new) % day else np.nanmean(whole, 0)
-        )
-        past_slopes = [_slope(np.nanmean(whole, axis=0), one) for one in whole]
-        slope = _slope(shape, last)
+        usual = np.nanmean(whole, axis=0)
+        least = min(-0.35, *(1.5 * _slope(usual, one) for one in whole))
         # A room next door has no day of its own, but it is never as far below zero as it was above.
-        before, now, spread = np.nanmean(past), np.nanmean(last), np.nanstd(past)
+        before, now, spread = np.nanmean(past), np.nanmean(new[-day:]), np.nanstd(past)
         negative = abs(now + before) <= abs(now - before) + 2.0 * spread
-        if negative and slope < -0.35 and slope < 1.5 * min([0.0, *past_slopes]):
+        # The reference ends when the new rows begin: their first slot is the one after a whole day.
+        slopes = [_slope(np.roll(usual, -end % day), new[end - day : end]) for end in (len(new) - later, len(new))]
+        if negative and max(slopes) < least:
             yield SIGN_FLIPPED, column, 24.0
 
 
@@ -310,6 +324,7 @@ def _misread(look: Look) -> Found:
     if found is None:
         return
     hour, as_told = look.slots(1.0), found.log_likelihood(found.errors)
+    unseen = _unseen(look)
     for column in look.columns("heat"):
         told, usual, highest = _heat(found, column)
         if not len(usual) > look.slots(_LEAST_HEATED) or found.effect(column) * highest < found.scale:
@@ -320,13 +335,14 @@ def _misread(look: Look) -> Found:
             # No noise of a heater that is off, and no first heat after a summer of noise, is like the usual heat.
             like = (np.abs(other) >= np.quantile(usual, 0.1)) & (np.abs(other) <= 1.5 * highest)
             values = np.where(like, other, told) if name == UNIT_CHANGED else other
-            ratios = found.log_likelihood(found.errors_if(column, values)) - as_told
+            ratios = np.where(unseen, 0.0, found.log_likelihood(found.errors_if(column, values)) - as_told)
             if (hours := _evident(look, ratios, _SURE[name])) is not None:
                 yield name, column, hours
         quiet = np.abs(told) <= _HEATED * highest
         powers = np.nanquantile(told[: found.known], _SPREAD)
         moved = found.log_likelihood(found.errors[:, None] - found.effect(column) * powers)
-        ratios = np.where(quiet, np.log(np.exp(moved).mean(axis=1)) - as_told, -_NEVER)
+        ratios = np.where(unseen, 0.0, np.log(np.exp(moved).mean(axis=1)) - as_told)
+        ratios = np.where(quiet, ratios, -_NEVER)
         hours = _evident(look, ratios, _SURE[METER_DEAD])
         silent, warming = float(_quiet(look, column)[-1]), look.slots(_WARMING)
         if hours is None and silent > _WARMING:
@@ -336,6 +352,16 @@ def _misread(look: Look) -> Found:
             hours = silent if _highest(within) > _ABOVE * usually else None
         if hours is not None:
             yield METER_DEAD, column, max(hours, silent)
+
+
+def _unseen(look: Look) -> npt.NDArray[np.bool_]:
+    """(n,): slots in which it is far warmer or colder around the room, against the room, than ever in the reference:
+    how it answers that, nobody knows."""
+    rows = np.concatenate([look.past, look.new])
+    apart = rows[:, list(look.columns("outside"))] - rows[:, :1]
+    lowest, highest = (of(apart[: len(look.past)], axis=0) for of in (np.nanmin, np.nanmax))
+    beyond = _BEYOND * (highest - lowest)
+    return np.asarray(((apart < lowest - beyond) | (apart > highest + beyond)).any(axis=1))
 
 
 def _negative(look: Look) -> Found:
@@ -384,7 +410,8 @@ def _warm(look: Look) -> Found:
     felt = max(found.effect(column) * _heat(found, column)[2] for column in heat) > found.scale
     if not felt or heated[:known].sum() < look.slots(_LEAST_HEATED):
         return
-    above = np.where(heated, room - np.nanmax(room[:known][heated[:known]], initial=-np.inf), -np.inf)
+    level = room - _wanted(look, heated)
+    above = np.where(heated, level - np.nanmax(level[:known][heated[:known]], initial=-np.inf), -np.inf)
     leap = max(_LEAST_JUMP, _SOME * _highest(found.errors[:known]))
     for place in np.flatnonzero(found.errors[known:] > leap) + known:
         before, after = _middle(room[max(place - 3, 0) : place]), _middle(room[place : place + 3])
@@ -404,6 +431,20 @@ def _warm(look: Look) -> Found:
         and 0.9 * usual < heating[-1] < 1.2 * usual
     ):
         yield SENSOR_DRIFTS, 0, 24.0
+
+
+def _wanted(look: Look, heated: npt.NDArray[np.bool_]) -> Array:
+    """(n,): what the room is heated to [degC]; 0 where that is not known while it is `heated` (n,). A heater is still
+    warm for a while after the thermostat has been set back."""
+    told = look.setpoints
+    if np.isnan(told[heated]).mean() > 0.1:
+        return np.zeros(len(told))
+    return np.asarray(np.fmax.reduce(_latest(told, look.slots(_STILL_WARM)), axis=1))
+
+
+def _latest(values: Array, slots: int) -> Array:
+    """(n, slots): the last so many of `values` (n,) at each place; NaN before the first."""
+    return sliding_window_view(np.concatenate([np.full(slots - 1, np.nan), values]), slots)
 
 
 def _means(values: Array, slots: int) -> Array:

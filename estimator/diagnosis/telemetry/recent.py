@@ -60,13 +60,17 @@ def slot(recent: Recent) -> int:
     return DAYS * _DAY // len(recent.times)
 
 
+def begins(recent: Recent, time: float) -> Array:
+    """(m,): when the slots of the fortnight that ends with the one before `time` [UTC s] begin, the oldest first."""
+    return np.asarray((time // slot(recent) - np.arange(len(recent.times), 0, -1)) * slot(recent))
+
+
 def until(recent: Recent, time: float) -> Array:
-    """(m, n): the slots of the fortnight that ends with the one before `time` [UTC s], the oldest first."""
-    length, count = slot(recent), len(recent.times)
-    begins = (time // length - np.arange(count, 0, -1)) * length
-    places = (begins // length).astype(np.int64) % count
+    """(m, n): what was measured in these slots."""
+    wanted = begins(recent, time)
+    places = (wanted // slot(recent)).astype(np.int64) % len(recent.times)
     rows = recent.values[places].copy()
-    rows[recent.times[places] != begins] = np.nan
+    rows[recent.times[places] != wanted] = np.nan
     return rows
 
 

@@ -5,7 +5,7 @@ import pytest
 from support.thermostat_house import recorded
 
 from estimator.diagnosis.finding import SENSOR_JUMPED, UNIT_CHANGED
-from estimator.diagnosis.telemetry.earlier import Earlier, differ, doubtful_since, kept, known_at
+from estimator.diagnosis.telemetry.earlier import Earlier, differ, doubtful_since, keeps, kept, known_at
 from estimator.diagnosis.telemetry.lies import Suspicion
 from estimator.loop import Loop
 from estimator.network.presets import network
@@ -78,5 +78,6 @@ def test_what_was_known_before_the_lie_or_as_long_ago_as_possible():
 def test_two_are_kept_two_days_apart():
     earlier = ()
     for hour in range(240):
-        earlier = kept(earlier, hour * 3600.0, hour, None)
+        if keeps(earlier, hour * 3600.0):
+            earlier = kept(earlier, Earlier(hour * 3600.0, hour, None))
     assert [one.state for one in earlier] == [144, 192]

@@ -18,6 +18,7 @@ from estimator.diagnosis.finding import (
 from estimator.diagnosis.telemetry.lies import Suspicion, among, looked
 from estimator.diagnosis.telemetry.recent import nothing_recent, with_measured
 from estimator.network.presets import network
+from estimator.thermostat.memory import no_memory
 from tests.support.thermostat_house import morning, recorded
 
 PERIOD = 600
@@ -40,7 +41,7 @@ def watched(rows, begin=0):
     for place, row in enumerate(rows):
         recent = with_measured(recent, place * PERIOD, row[0], row[1:])
         if place % 6 == 5:
-            stood = looked(NETWORK, recent, stood, (place + 1) * PERIOD)
+            stood = looked(NETWORK, recent, stood, (place + 1) * PERIOD, no_memory(2))
             if place >= begin:
                 yield place, stood
 
