@@ -71,9 +71,10 @@ PAGES = sorted(path for folder in (".", "docs/**", "deploy/**", "adapters/*") fo
 
 
 class Block(NamedTuple):
-    """A fenced block: its page, the HTML comment before it, its text, and the block after it."""
+    """A fenced block: its language, the HTML comment before it, its text, and the block after it."""
 
-    page: str
+    name: str
+    language: str
     mark: str
     text: str
     after: str
@@ -86,8 +87,8 @@ def blocks(language: str) -> list[Any]:
         for index, match in enumerate(matches):
             if match[2] == language:
                 after = matches[index + 1][3] if index + 1 < len(matches) else ""
-                line = text.count("\n", 0, match.start()) + 1
-                found.append(pytest.param(Block(name, match[1] or "", match[3], after), id=f"{name}:{line}"))
+                place = f"{name}:{text.count(chr(10), 0, match.start()) + 1}"
+                found.append(pytest.param(Block(place, language, match[1] or "", match[3], after), id=place))
     assert found
     return found
 
@@ -308,12 +309,16 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Daemon, s
         yield running, place
 
 
-PYTHON = blocks("python")
-APART = ("python.md", "energyplus.md")
-"""Pages whose examples belong together; tests/replay/energyplus/test_docs.py runs those of energyplus.md."""
+def in_python_page(block: Any) -> bool:
+    return str(block.id).startswith("python.md:")
 
 
-@pytest.mark.parametrize("block", [one for one in PYTHON if one.values[0].page not in APART])
+def needs_a_daemon(block: Any) -> bool:
+    """tests/replay/energyplus/test_docs.py runs those of energyplus.md."""
+    return not in_python_page(block) and not str(block.id).startswith("energyplus.md:")
+
+
+@pytest.mark.parametrize("block", [block for block in blocks("python") if needs_a_daemon(block)])
 def test_python_examples_run(block: Block, daemon: tuple[Daemon, str]) -> None:
     running, place = daemon
     running.wait(lambda zones: zones["office"]["state"] == "running")
@@ -329,7 +334,7 @@ def test_the_python_page_runs_from_top_to_bottom(tmp_path: Path) -> None:
     `fit` warns that the table of the page is short.
     """
     (tmp_path / "deploy").symlink_to(ROOT / "deploy")
-    page = [one.values[0] for one in PYTHON if one.values[0].page == "python.md"]
+    page = [block.values[0] for block in blocks("python") if in_python_page(block)]
     ends = '\nprint("<<end>>")\n'
     done = subprocess.run(
         [sys.executable, "-W", "error", "-W", "ignore:the table", "-c", "".join(block.text + ends for block in page)],

@@ -16,7 +16,7 @@ from adapters.edge import Converter, Edge
 from adapters.errors import SourceError
 from adapters.fields.durations import DAY, format_duration
 from adapters.fields.words import shown, suggestion
-from adapters.reading import Batch, Fault
+from adapters.reading import Fault, Reading
 from adapters.timestamps import local_to_utc, time_zone
 from estimator.arrays import Array
 from service.errors import DataError
@@ -57,6 +57,13 @@ class Column(NamedTuple):
     def edge(self) -> Edge:
         """From the column's unit to the network's."""
         return self.channel.edge(self.unit)
+
+
+class Part(NamedTuple):
+    """Readings of some rows in a row, and the time of the last of these, UTC seconds."""
+
+    readings: list[Reading]
+    now: float
 
 
 def pandas() -> Any:
@@ -197,7 +204,7 @@ class Reader:
         self._frame, self._seconds, self._since = frame, times.seconds, since
         self._columns = [(one, _summed(frame, one), Converter(one.address, one.edge)) for one in columns]
 
-    def batches(self) -> Iterator[Batch]:
+    def parts(self) -> Iterator[Part]:
         """The readings, some hundred rows at once. An empty cell is no reading. A meter begins with the first row, even
         with one that is passed over."""
         for begin in range(0, len(self._order), _ROWS_AT_ONCE):
@@ -210,7 +217,7 @@ class Reader:
                         readings.append(reading)
                         if reading.fault is not None:
                             self._note(column, reading.fault, row, value)
-            yield Batch(readings, times[-1])
+            yield Part(readings, times[-1])
 
     def last(self) -> float:
         """The last time, UTC seconds; DataError where no row has one."""

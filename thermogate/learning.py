@@ -52,8 +52,8 @@ def taken(settings: Settings, df: Frame, after: int | None = None, idle: int = 0
         newest, until = moments([last, since], settings.tz)
         raise DataError(f"the table ends at {newest}, and the model has learned up to {until}; give later rows")
     samples: list[Sample] = []
-    for batch in reader.batches():
-        samples += alignment.add(ZONE, batch.readings, batch.now)
+    for part in reader.parts():
+        samples += alignment.add(ZONE, part.readings, part.now)
     samples += alignment.end(ZONE)
     faults = alignment.faults + reader.faults
     sentences = reader.refused(faults)

@@ -54,10 +54,10 @@ HORIZONS = (3600.0, 21600.0, 86400.0)
 PLANNED, UNPLANNED = 0, 1
 """The two questions."""
 
-_WIDTHS = ("planned", "unplanned", "forced")
-"""What has a width of its own: plans with the heat off, no plan, plans with all heat on."""
+_WIDTHS = ("planned", "unplanned", "forced", "energy")
+"""What has a width of its own: plans with the heat off, no plan, plans with all heat on, the energy of a plan."""
 
-_FORCED = 2
+_FORCED, _ENERGY = 2, 3
 
 LEVEL = 0.95
 """Of the interval whose coverage is kept."""
@@ -128,7 +128,7 @@ class Issue(NamedTuple):
     chances: Array
     """(H, F): weights of the futures."""
     scales: Array
-    """(3, H): by which forecasts were stretched, by _WIDTHS."""
+    """(3, H): by which forecasts of temperatures were stretched, by _WIDTHS."""
     errors: Array
     """(H, N): errors [K] that were added where the thermostat holds the room."""
 
@@ -139,6 +139,8 @@ class Live(NamedTuple):
     step: int
     setpoints: Array
     """(m,): of the last m steps, the newest last [degC]."""
+    heat: Array
+    """(m,): what obeyed the laws in these steps, all together, in the unit of its inputs."""
     issues: tuple[Issue, ...]
     members: Costs
     """Of E members at H leads, under plans."""
@@ -183,6 +185,8 @@ class Fan(NamedTuple):
     """(L - 1, F): what each future weighs at each step; no column under a plan."""
     simulated: int
     """Components of `outputs`, the first ones, that are paths of a model of the building, unless none is."""
+    energy_scales: Array
+    """(L - 1,): by which the energies from now until after each step are to be stretched about their mean."""
 
     def paths(self, count: int) -> Array:
         """(count, L, n_y): simulated futures [degC] without the sensor's noise, as likely as their weight at the last
@@ -233,6 +237,7 @@ class LiveForecasts:
         return Live(
             step=0,
             setpoints=np.empty(0),
+            heat=np.empty(0),
             issues=(),
             members=no_costs(len(self._members), count),
             futures=no_costs(len(FUTURES), count),
@@ -242,7 +247,7 @@ class LiveForecasts:
 
     def restarted(self, live: Live) -> Live:
         """After a gap: what was pending has lost its time, what was proved is kept."""
-        return live._replace(setpoints=live.setpoints[:0], issues=())
+        return live._replace(setpoints=live.setpoints[:0], heat=live.heat[:0], issues=())
 
     def knows(self, thermostat: Thermostat, time: float) -> bool:
         """Whether `unplanned` has futures beside the heat held: in a bank, with a law, or once set-points of a day
@@ -267,7 +272,8 @@ class LiveForecasts:
         courses = self._courses(state, laws, shares, ahead, before, _DRAWS, time)
         outputs, heat = self._under(live, courses, shares, thermostat, setpoints, leads)
         everyone = outputs.weights.shape[1]
-        return Fan(outputs.after(self._now(state)), heat(), np.empty((len(rows), 0)), everyone)
+        scales = self._scales(live, _ENERGY, leads)
+        return Fan(outputs.after(self._now(state)), heat(), np.empty((len(rows), 0)), everyone, scales)
 
     def unplanned(
         self,
@@ -296,6 +302,7 @@ class LiveForecasts:
             heat=_joined([futures[place][1]() for place in heated], of_heat),
             chances=chances.T,
             simulated=sum(futures[place][0].weights.shape[1] for place in heated),
+            energy_scales=np.ones(len(leads)),
         )
 
     def likely(self, live: Live, thermostat: Thermostat, times: Array) -> Array:
@@ -335,7 +342,7 @@ class LiveForecasts:
         network, period, origin = self._estimator.network, self._estimator.period, int(issue.step)
         to_come = weather(network, issue.strays, period, steps, round(origin * period))
         # Who does not count yet is judged as well: otherwise it could never prove anything.
-        parts, own, of, last = [], [], [], np.array([steps])
+        parts, own, of, energies, last = [], [], [], [], np.array([steps])
         for place, member in enumerate(self._members):
             draws = _draws(member.network, issue.drawn[place])
             start = self._start(draws, place, laws, steps, to_come, origin)
@@ -343,12 +350,15 @@ class LiveForecasts:
             end, believed = paths.mixtures(last).at(0), _believed(paths, setpoints, memory)[-1]
             parts.append(Mixture(believed / believed.sum(), end.means[:1], end.sds[:1]))
             own.append(shares[place] * believed.sum())
+            energies.append(np.abs(paths.heat).sum(axis=(1, 2)))
             of.append(held.states(paths.temperatures[:, -1:, 0].T, laws, setpoints[-1:])[0])
         now = self._weights(live.members, issue.trusted.T)[:, horizon]
         everyone = range(len(parts))
         live = live._replace(members=_judged(live.members, horizon, parts, now, value, self._hours, everyone))
         counted = np.flatnonzero(shares > 0.0).tolist()
         told = mixed([parts[place] for place in counted], np.array(own)[counted] / np.sum(own), 1.0)
+        futures = told._replace(means=np.concatenate([energies[place] for place in counted])[None])
+        live = self._energy_widened(live, horizon, futures, float(live.heat[len(live.heat) - steps :].sum()))
         states = np.concatenate([of[place] for place in counted])
         scales = issue.scales[[PLANNED, _FORCED], horizon]
         strayed = held.strayed_by_all(told, states, scales, issue.errors[horizon])
@@ -371,6 +381,14 @@ class LiveForecasts:
         whole = _unplanned(issue, horizon, scale)
         live = self._widened(live._replace(futures=futures), UNPLANNED, horizon, whole, scale, value)
         return live, whole
+
+    def _energy_widened(self, live: Live, horizon: int, futures: Mixture, value: float) -> Live:
+        """The width of energies after those of `futures` were held to `value`, that of the same steps."""
+        sd = float(np.sqrt(np.average((futures.means[0] - futures.mean()[0]) ** 2, weights=futures.weights)))
+        if not np.isfinite(value) or sd <= 0.0:
+            return live
+        told = Mixture(np.ones(1), futures.mean()[:, None], np.full((1, 1), sd))
+        return self._widened(live, _ENERGY, horizon, told, 1.0, value)
 
     def _widened(self, live: Live, width: int, horizon: int, mixture: Mixture, scale: float, value: float) -> Live:
         """The width, by _WIDTHS, after a `mixture`, told with `scale`, was held to `value`: at the present scale, as a
@@ -405,10 +423,13 @@ class LiveForecasts:
         step, longest = live.step + 1, max(self.leads, default=0)
         issues = tuple(issue for issue in live.issues if step - int(issue.step) < longest)
         setpoints = np.append(live.setpoints, thermostat.setpoint)
+        column = thermostat.laws.column.astype(np.int64)
+        heat = np.append(live.heat, np.abs(before[column]).sum() if len(column) else np.nan)
         if longest and ahead is not None and self.knows(thermostat, time):
             issues = (*issues, self._issue(live, step, state, thermostat, ahead(longest - 1), before, time))
         kept = step - int(issues[0].step) if issues else 0
-        return live._replace(step=step, setpoints=setpoints[len(setpoints) - kept :], issues=issues)
+        first = len(setpoints) - kept
+        return live._replace(step=step, setpoints=setpoints[first:], heat=heat[first:], issues=issues)
 
     def issued(self, live: Live) -> list[Mixture] | None:
         """The forecasts without a plan that were issued at this very step, of the first output at each of `leads`; None
@@ -420,7 +441,8 @@ class LiveForecasts:
 
     def pack(self, live: Live) -> dict[str, Array]:
         """Everything as arrays, by name."""
-        arrays = {"step": np.array(live.step), "setpoints": live.setpoints, "errors": live.errors}
+        arrays = {"step": np.array(live.step), "errors": live.errors}
+        arrays |= {"setpoints": live.setpoints, "heat": live.heat}
         for part, costs in (("members", live.members), ("futures", live.futures)):
             arrays |= {f"{part}.{name}": value for name, value in costs._asdict().items()}
         for width, widths in zip(_WIDTHS, live.widths, strict=True):
@@ -453,6 +475,7 @@ class LiveForecasts:
         return Live(
             step=int(arrays["step"]),
             setpoints=arrays["setpoints"],
+            heat=arrays.get("heat", np.full(len(arrays["setpoints"]), np.nan)),
             issues=tuple(issues),
             members=Costs(**_under("members.", arrays)),
             futures=Costs(**_under("futures.", arrays)),
@@ -495,7 +518,7 @@ class LiveForecasts:
             shares=self._shares(live, state).T,
             futures=futures,
             chances=chances,
-            scales=np.exp(np.array([each.log_scale for each in live.widths])),
+            scales=np.exp(np.array([each.log_scale for each in live.widths[:_ENERGY]])),
             errors=live.errors,
         )
 

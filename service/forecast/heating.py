@@ -136,7 +136,7 @@ class PreheatQuestion(NamedTuple):
             minutes=float("nan") if begin is None else (self.by - begin) / 60.0,
             reached=answers.probability_above(last, self.target - self.tolerance),
             temperature=Range(float(last.mean()[0]), lower, upper),
-            energy=_range(answers.energy(fan.heat, period, spans)),
+            energy=_range(answers.energy(fan.heat, period, spans).stretched(fan.energy_scales[-1:])),
             setpoint_before=before,
         )
 
@@ -164,7 +164,8 @@ class DemandQuestion(NamedTuple):
         fan = futures.under(None if self.setpoints is None else futures.planned(self.setpoints))
         hours = ((start + period * np.arange(self.steps)) // _HOUR).astype(np.int64)
         amounts = answers.energy(fan.heat, period, hours - hours[0])
-        total = answers.total(amounts)
+        total = answers.total(amounts).stretched(fan.energy_scales[-1:])
+        amounts = amounts.stretched(fan.energy_scales[np.flatnonzero(np.diff(hours, append=hours[-1] + 1))])
         means, quantiles = amounts.mean(), amounts.quantiles(_LEVELS)
         demand = Demand(
             issue_time=standing.update.forecast.issue_time,

@@ -33,7 +33,8 @@ from service.records.skill import HorizonSkill, IssuedSkill, Skill, SkillWindow
 from service.records.status import ZoneState, ZoneStatus
 from service.records.trust import HorizonTrust, Trust
 from service.records.update import Forecast, Gate, InputUsed, Interval, OutputForecast, Score, Update, Volatility
-from service.store.series import Array, bucket_of, reduced, series_of
+from service.store.series import bucket_of, reduced
+from service.store.series import series_of as journal_series
 
 ROOM = Room(
     7.0,
@@ -250,18 +251,7 @@ class FakeZone:
         self.asked.append(("series", start, end, points))
         if self.failure is not None:
             raise self.failure
-        bucket = bucket_of(start, end, int(self.period), points)
-        kept = [update for update in self.updates if start <= update.time < end]
-        rows = [HistoryRow.of(update) for update in kept]
-        times = np.array([row.time for row in rows], dtype=np.int64)
-
-        def table(*names: str) -> Array:
-            return np.array([[getattr(row, name) for name in names] for row in rows]).reshape(-1, len(names))
-
-        history = reduced(times, table(*COLUMNS), table("y", "lower"), table("y", "upper"), bucket)
-        used = np.array([[one.value for one in update.forecast.inputs] for update in kept])
-        inputs = used.reshape(-1, len(self.network.inputs))
-        return series_of(history, reduced(times, inputs, inputs[:, :0], inputs[:, :0], bucket), bucket)
+        return series_of(self, start, end, points)
 
 
 def running(name: str, steps: int = 3, levels: Sequence[float] = (0.95,)) -> FakeZone:
@@ -308,3 +298,18 @@ def announced(
 ) -> Announcement:
     """What a zone tells its sinks."""
     return Announcement(site, zone, ZoneState(status, update, Trust()), occasion)
+
+
+def series_of(zone: FakeZone, start: int, end: int, points: int) -> Series:
+    """The samples of `zone` in buckets, as the journal would give them."""
+    bucket = bucket_of(start, end, int(zone.period), points)
+    rows = [HistoryRow.of(update) for update in zone.updates if start <= update.time < end]
+    times = np.array([row.time for row in rows], dtype=np.int64)
+    table = np.array([[getattr(row, name) for name in COLUMNS] for row in rows]).reshape(len(rows), len(COLUMNS))
+    band = np.array([[row.y, row.lower] for row in rows]), np.array([[row.y, row.upper] for row in rows])
+    inputs = np.array([[used.value for used in update.forecast.inputs] for update in zone.updates[: len(rows)]])
+    width = len(zone.network.inputs)
+    low, high = (values.reshape(len(rows), 2) for values in band)
+    inputs = inputs.reshape(len(rows), width)
+    history = reduced(times, table, low, high, bucket)
+    return journal_series(history, reduced(times, inputs, inputs[:, :0], inputs[:, :0], bucket), bucket)

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import tomli_w
 from support.running_zone import plumbing
 
-from adapters.fields.times import written_time
 from service.config.fitting import fingerprint, make_alignment, make_worker, measured_outputs, surroundings
 from service.config.load import load
 from service.config.site import Config
@@ -125,7 +124,7 @@ class GoldenSite(NamedTuple):
 
 def written(folder: Path) -> Path:
     """The configuration in `folder`, with its recording beside it."""
-    times = [f"{written_time(time)},{cells}" for time, cells in rows()]
+    times = [f"{_stamp(time)},{cells}" for time, cells in rows()]
     header = "time,west,east,wall,outside,heat,wanted,never"
     (folder / "recording.csv").write_text("\n".join([header, *times, ""]), encoding="utf-8")
     path = folder / "golden.toml"
@@ -176,3 +175,8 @@ async def _recorded(zone: Zone) -> None:
             if rows and rows[0].time == update.time:
                 return
             await asyncio.sleep(0.01)
+
+
+def _stamp(time: int) -> str:
+    hours, seconds = divmod(time - START, 3600)
+    return f"2026-01-{1 + hours // 24:02}T{hours % 24:02}:{seconds // 60:02}:00Z"

@@ -50,6 +50,12 @@ def test_quantiles_are_those_of_a_large_sample():
     assert found == pytest.approx([-1.96, 0.0, 1.96], abs=4 * 0.0189)
 
 
+def test_stretched_amounts_keep_their_mean_and_fall_to_nothing_at_most():
+    amounts = Amounts(np.array([[1.0], [2.0], [6.0]]), np.array([[0.5], [0.25], [0.25]]), np.full(3, -1))
+    assert amounts.stretched(np.array([0.5])).values[:, 0].tolist() == [1.75, 2.25, 4.25]
+    assert amounts.stretched(np.array([3.0])).values[:, 0].tolist() == [0.0, 1.0, 13.0]
+
+
 def test_what_two_plans_have_in_common_cancels_out():
     rng = np.random.default_rng(2)
     shared = 5.0 * rng.standard_normal((500, 1))

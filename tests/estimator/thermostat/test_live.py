@@ -12,6 +12,7 @@ from estimator.foresight import foreseen, no_day, with_inputs
 from estimator.kernels.quantiles import mixture_quantiles
 from estimator.network.presets import network
 from estimator.registry import build
+from estimator.thermostat.answers import JOULES, energy, total
 from estimator.thermostat.futures import GUESSES, guesses
 from estimator.thermostat.live import FUTURES, PLANNED, UNPLANNED, Ahead, LiveForecasts
 from estimator.thermostat.memory import no_memory, remembered
@@ -116,6 +117,24 @@ def test_energy_is_as_uncertain_as_the_weather_that_is_foreseen():
     # What is due to the weather adds up with the rest as independent errors do, and is in proportion to its own.
     assert wide > 1.1 * sd
     assert np.sqrt(wider**2 - sd**2) == pytest.approx(2.0 * np.sqrt(wide**2 - sd**2), rel=0.2)
+
+
+def test_the_interval_of_an_energy_is_as_wide_as_energies_proved_to_stray():
+    outputs, rows, wanted = recorded(24, PERIOD)
+    # A heater whose strength changes from day to day, which no future knows of.
+    strength = np.repeat(np.random.default_rng(7).uniform(0.6, 1.4, 24), DAILY)
+    told = rows * np.column_stack([np.ones(len(rows)), strength])
+    zone, covered, scales = Zone().run((outputs, told, wanted), 0, 14 * DAILY), [], []
+    for k in range(14 * DAILY, 23 * DAILY, 6):
+        zone.run((outputs, told, wanted), k, k + 6)
+        came, plan = told[k + 6 : k + 6 + DAILY], wanted[k + 6 : k + 6 + DAILY]
+        fan = zone.forecasts.planned(zone.live, zone.state, zone.thermostat, plan, ahead(came), zone.before, zone.time)
+        scales.append(fan.energy_scales[-1])
+        whole = total(energy(fan.heat, PERIOD, np.zeros(DAILY, dtype=np.int64)))
+        lower, upper = whole.stretched(fan.energy_scales[-1:]).quantiles(TAILS)[0]
+        covered.append(lower <= came[:, 1].sum() * PERIOD / JOULES <= upper)
+    assert min(scales) > 1.5
+    assert np.mean(covered) > 0.8
 
 
 def test_where_nobody_plans_a_regular_schedule_is_found_and_the_interval_is_honest():
