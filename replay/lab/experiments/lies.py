@@ -17,6 +17,7 @@ from estimator.diagnosis import finding
 from estimator.diagnosis.telemetry.lies import Suspicion, looked
 from estimator.diagnosis.telemetry.recent import nothing_recent, with_measured
 from estimator.network.presets import network
+from estimator.thermostat.memory import no_memory
 from replay.energyplus.buildings import BUILDINGS, building_named
 from replay.energyplus.library import library
 from replay.energyplus.plant import STEP
@@ -138,12 +139,14 @@ def watch(run: Watch) -> Arrays:
 
 def _suspected(rows: Array, begin: int) -> list[tuple[int, tuple[Suspicion, ...]]]:
     """What is suspected after every hour from row `begin` on."""
-    recent, looks = nothing_recent(rows.shape[1] - 1, PERIOD), []
+    width = rows.shape[1] - 1
+    # Nobody tells these rooms' set-points.
+    recent, untold, looks = nothing_recent(width, PERIOD), no_memory(width), []
     stood: tuple[Suspicion, ...] = ()
     for place, row in enumerate(rows):
         recent = with_measured(recent, place * PERIOD, float(row[0]), row[1:])
         if place >= begin and place % HOUR == HOUR - 1:
-            stood = looked(NETWORK, recent, stood, (place + 1) * PERIOD)
+            stood = looked(NETWORK, recent, stood, (place + 1) * PERIOD, untold)
             looks.append((place, stood))
     return looks
 
