@@ -46,7 +46,7 @@ def traces_of(
 ) -> list[Trace]:
     """As `stored_traces`, of `state` in `place`."""
     traces = []
-    marks, starts = state.zones(), {}
+    marks, starts = state.journal.fingerprints(), {}
     for zone in zones:
         if zone.id in marks:
             if marks[zone.id] != fingerprint(zone):

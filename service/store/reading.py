@@ -28,10 +28,6 @@ class StoredState:
         self.journal = journal
         self._checkpoints = checkpoints
 
-    def zones(self) -> dict[str, str]:
-        """The fingerprint of every zone with samples, by its id."""
-        return self.journal.fingerprints()
-
     def checkpoint(self, zone: str, fingerprint: str) -> Checkpoint | None:
         """The newest sound checkpoint of `zone` that belongs to `fingerprint`; None if there is none."""
         found = self._checkpoints.newest(zone)
@@ -65,7 +61,7 @@ def stored_fingerprints(state_dir: Path) -> dict[str, str]:
     be read."""
     try:
         with read_state(state_dir) as state:
-            return state.zones()
+            return state.journal.fingerprints()
     # Who checks a configuration need not be one who may look into the state folder.
     except (OSError, ServiceError) as error:
         _log.debug("the zones of %s cannot be read: %s", state_dir, error)

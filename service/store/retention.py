@@ -42,19 +42,19 @@ class Limits(NamedTuple):
     max_journal: float
 
 
-def prune_old(journal: Journal, oldest_checkpoint: Oldest, keep_history: float) -> Iterator[None]:
-    """Delete what is older than `keep_history` s, a small slice at every step of the iterator; samples come in between.
+def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterator[None]:
+    """Delete what is older than `keep_history`, and the oldest rows of all while the file is too large: a small slice
+    at every step of the iterator, so that samples come in between.
 
     `oldest_checkpoint` tells the time of the oldest checkpoint of a zone, None if there is none.
     """
-    at_least = journal.database.least_pruned
     told: list[str] = []
     for zone in journal.prunable():
         newest = journal.last_sample_time(zone)
         if newest is not None:
-            before = math.ceil(newest - keep_history)
+            before = math.ceil(newest - limits.keep_history)
             firsts = [_first(journal, table, zone) for table in ("samples", "history")]
-            if before > min(firsts) + at_least and _is_steady(journal, zone, newest):
+            if before > min(firsts) + journal.database.least_pruned and _is_steady(journal, zone, newest):
                 samples, history = (min(before, first + MOST_AT_ONCE) for first in firsts)
                 while journal.delete(zone, min(samples, _needed(zone, newest, oldest_checkpoint)), history):
                     yield
@@ -65,11 +65,6 @@ def prune_old(journal: Journal, oldest_checkpoint: Oldest, keep_history: float) 
         more = f", and of {len(told) - _TOLD} more zones" if len(told) > _TOLD else ""
         sentence = "history older than keep_history is deleted: of zone %s%s"
         AUDIT.warning(sentence, ", ".join(told[:_TOLD]), more, extra=about("deleted", "keep_history"))
-
-
-def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterator[None]:
-    """Delete what is beyond `limits`, as `prune_old` does, and the oldest rows of all while the file is too large."""
-    yield from prune_old(journal, oldest_checkpoint, limits.keep_history)
     if journal.database.shrink() is None:
         # Deleting more would not make the files smaller.
         return

@@ -38,7 +38,7 @@ async def test_it_is_read_as_its_owner_has_written_it_and_left_so(kept: Kept) ->
         kept.damage_checkpoint(make_sample(1).time)
         for _ in range(2):
             with kept.read() as state:
-                assert state.zones() == {"z": "f"}
+                assert state.journal.fingerprints() == {"z": "f"}
                 times = [sample.time for sample in state.journal.samples_after("z", None)]
                 assert times == [make_sample(step).time for step in (0, 1)]
                 assert state.journal.samples_ahead("z", times[0]) == 1

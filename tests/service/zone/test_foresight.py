@@ -9,7 +9,8 @@ from support.zone_samples import worker as a_worker
 from adapters.reading import Quality
 from adapters.units import IDENTITY, conversion
 from adapters.weather.forecast import WeatherForecast, WeatherSeries
-from estimator.foresight import FADES, SUN_FADES, astray, foreseen, no_day, restored, strays, with_inputs
+from estimator.foresight import FADES, SUN_FADES, foreseen, no_day, restored, strays, with_inputs
+from estimator.foresight import weather as futures
 from estimator.network.presets import SOLAR_APERTURE, automatic, network
 from service.records.outlook import InputOrigin, Weather, WeatherBook, WeatherLink
 from service.records.sample import Sample
@@ -132,7 +133,8 @@ def test_how_far_weather_strays_from_what_is_foreseen_is_learned():
 
 def test_futures_of_the_weather_stray_as_far_as_they_should_and_are_the_same_for_every_room():
     sds, hours = np.array([2.0, 0.0, 0.5]), 24
-    found = astray(SUNNY, sds, PERIOD, hours * 4, START, np.arange(61))
+    drawn = futures(SUNNY, sds, PERIOD, hours * 4, START)
+    found = drawn.chosen(SUNNY, np.arange(61))
     ((column, shift),) = found.shifts
     assert column == 0
     assert np.abs(shift.mean(axis=0)).max() < 1e-9
@@ -142,9 +144,9 @@ def test_futures_of_the_weather_stray_as_far_as_they_should_and_are_the_same_for
     assert np.corrcoef(shift[:, -1], shift[:, -9])[0, 1] > 0.8
     assert found.sun.min() >= -1.0
     assert np.abs(found.sun.mean(axis=0)).max() < 1e-9
-    again = astray(SUNNY, sds, PERIOD, hours * 4, START, np.arange(61, 122))
+    again = drawn.chosen(SUNNY, np.arange(61, 122))
     assert (again.sun == found.sun).all(), "another draw of the same number has the same weather"
-    assert not astray(SUNNY, np.zeros(3), PERIOD, 4, START, np.arange(5)).shifts
+    assert not futures(SUNNY, np.zeros(3), PERIOD, 4, START).shifts
 
 
 def test_a_fan_uses_it_and_a_plan_goes_before_it():
