@@ -79,8 +79,8 @@ async def plumbing(folder, announcer=None, checkpoint_every=1e9, store=None):
         store.close()
 
 
-def make(shared, failures=None, name="z", mark="mark", error=None):
-    return Zone(name, "rbpf", mark, Shown(worker(), poison(failures or {}, error)), shared)
+def make(shared, failures=None, name="z", error=None):
+    return Zone(name, "rbpf", "mark", Shown(worker(), poison(failures or {}, error)), shared)
 
 
 async def fed(zone, items):

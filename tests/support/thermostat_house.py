@@ -34,10 +34,10 @@ def recorded(days, period, setpoint=morning, power=6000.0):
     return np.array(outputs)[:, None], np.array(inputs), np.array(wanted)
 
 
-def samples(days, period, told=True):
-    """The same as samples, with set-points unless they are not `told`."""
+def samples(days, period):
+    """The same as samples, with set-points."""
     for k, (outputs, inputs, setpoint) in enumerate(zip(*recorded(days, period), strict=True)):
-        yield Sample.measured(k * period, outputs, inputs)._replace(setpoint=setpoint if told else np.nan)
+        yield Sample.measured(k * period, outputs, inputs)._replace(setpoint=setpoint)
 
 
 def table(days):

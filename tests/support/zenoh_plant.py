@@ -89,8 +89,8 @@ class Listener:
         """The good values of a channel in the order in which they came."""
         return [reading.value for reading in self.readings if reading.channel == channel and reading.fault is None]
 
-    def faults(self, channel: str = "room/T") -> list[str]:
-        return [str(reading.fault) for reading in self.readings if reading.channel == channel and reading.fault]
+    def faults(self) -> list[str]:
+        return [str(reading.fault) for reading in self.readings if reading.channel == "room/T" and reading.fault]
 
     async def until(self, done: Callable[[], object], act: Callable[[], object] = lambda: None) -> None:
         """Wait until `done`, doing `act` again and again."""
