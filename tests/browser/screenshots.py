@@ -9,10 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from support.browser import browser, drag, eventually
 from support.harness import ROOT
-from support.processes import Program
+from support.living_demo import demo
 
 PHOTOGRAPHED = (
     # name, path, width, height, colours, language
@@ -38,23 +35,11 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=120.0, help="how long the demo runs before")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    with demo() as url:
+    with demo() as living:
         time.sleep(arguments.seconds)
-        _photograph(url, arguments.out)
+        _photograph(living.url, arguments.out)
     print("\n".join(str(arguments.out / f"{name}.png") for name, *_ in PHOTOGRAPHED))
     return 0
-
-
-@contextmanager
-def demo() -> Iterator[str]:
-    """The address of the living demo, once it serves its page."""
-    with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "service", "demo", "--port", "0", "--directory", folder]
-        # Zenoh's port belongs to whatever else runs here.
-        command += ["--set", "zenoh.enabled=false"]
-        with Program(command, Path(folder) / "log", cwd=ROOT) as running:
-            yield running.says(r"serving on (\S+)", 600)[1]
-            running.terminate()
 
 
 def _photograph(url: str, out: Path) -> None:
