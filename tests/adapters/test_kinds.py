@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import sqlite3
 import subprocess
 import sys
 import tomllib
@@ -14,6 +13,7 @@ import pytest
 import tomli_w
 from support import cases
 from support.processes import free_port
+from support.recorder import database
 from support.sources import bound, source_table
 
 from adapters.errors import SourceUnavailable
@@ -25,13 +25,6 @@ from service.errors import ConfigError
 
 ADAPTERS = Path(__file__).parents[2] / "adapters"
 SAMPLES = sorted(ADAPTERS.glob("*/sample.toml"))
-RECORDER = """
-CREATE TABLE states (metadata_id, attributes_id, last_updated_ts, state);
-CREATE TABLE states_meta (metadata_id, entity_id);
-CREATE TABLE state_attributes (attributes_id, shared_attrs);
-CREATE TABLE recorder_runs (start, "end");
-INSERT INTO states_meta VALUES (1, 'climate.living'), (2, 'sensor.outdoor_temperature');
-"""
 
 
 @pytest.fixture
@@ -41,9 +34,8 @@ def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
         if path.is_file() and path.suffix != ".py":
             shutil.copy(path, tmp_path)
     if request.param.name == "home_assistant":
-        with sqlite3.connect(tmp_path / "home-assistant_v2.db") as database:
-            database.executescript(RECORDER)
-        database.close()
+        entities = ("climate.living", "sensor.outdoor_temperature")
+        database(tmp_path / "home-assistant_v2.db", [(0, entity, "20") for entity in entities])
     return tmp_path
 
 

@@ -93,29 +93,23 @@ def test_a_message_is_parsed_once_for_all_channels_that_read_it(monkeypatch: pyt
         assert len(parsed) == 1
 
 
-def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered_meanwhile(
+async def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered_meanwhile(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(subscribed, "SLICE_SECONDS", 0.0)
-    monkeypatch.setattr(subscribed, "TOGETHER_SECONDS", float("inf"))
-    monkeypatch.setattr(subscribed, "MOST_TOGETHER", 100)
+    for name, value in (("SLICE_SECONDS", 0.0), ("TOGETHER_SECONDS", float("inf")), ("MOST_TOGETHER", 100)):
+        monkeypatch.setattr(subscribed, name, value)
+    inbox, turns = Inbox(["k"], 1000), 0
+    for _ in range(250):
+        inbox.put("k", came("k"))
+    source = SubscribedSource("bms", TABLE, [bound(TABLE, "room/T", key="k")])
 
-    async def run() -> None:
-        inbox = Inbox(["k"], 1000)
-        for _ in range(250):
-            inbox.put("k", came("k"))
-        source = SubscribedSource("bms", TABLE, [bound(TABLE, "room/T", key="k")])
-        turns = 0
+    async def other() -> None:
+        nonlocal turns
+        while True:
+            turns += 1
+            await asyncio.sleep(0)
 
-        async def other() -> None:
-            nonlocal turns
-            while True:
-                turns += 1
-                await asyncio.sleep(0)
-
-        beside = asyncio.create_task(other())
-        assert [len(await source._readings(inbox)) for _ in range(4)] == [100, 100, 50, 0]
-        beside.cancel()
-        assert turns >= 240
-
-    asyncio.run(run())
+    beside = asyncio.create_task(other())
+    assert [len(await source._readings(inbox)) for _ in range(4)] == [100, 100, 50, 0]
+    beside.cancel()
+    assert turns >= 240

@@ -66,7 +66,9 @@ def test_the_order_of_preference_decides_on_the_time(
     assert (reading.fault or reading.time - NOW) == expected
 
 
-def test_a_retained_value_with_a_time_is_as_old_as_it_says() -> None:
+def test_a_retained_value_with_a_time_is_as_old_as_it_says_and_a_relative_one_counts_from_a_stamp() -> None:
+    stamped = came(NOW, RELATIVE)._replace(stamp=NOW - 30)
+    assert times(channels(SENML), stamped) == [NOW - 32]
     (reading,) = readings(channels(DATED), dated(NOW - 7200, NOW)._replace(retained=True))
     assert (reading.time, reading.quality) == (NOW - 7200, Quality.GOOD)
 
@@ -120,11 +122,6 @@ def test_a_retained_value_with_a_relative_time_is_one_without_a_time() -> None:
     assert (live.time, live.quality) == (NOW + 58, Quality.GOOD)
     taken.start_again()
     assert readings(taken, came(NOW + AHEAD, RELATIVE, retained=True)) == []
-
-
-def test_a_relative_time_counts_from_a_stamp_if_there_is_one() -> None:
-    stamped = came(NOW, RELATIVE)._replace(stamp=NOW - 30)
-    assert times(channels(SENML), stamped) == [NOW - 32]
 
 
 def test_records_of_a_pack_are_put_in_order() -> None:
