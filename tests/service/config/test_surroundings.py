@@ -18,7 +18,7 @@ from service.config.site import Config
 from service.daemon.reload import compare, obstacles
 from service.daemon.reload import summary as changes_of
 from service.daemon.runtime import Runtime
-from service.daemon.zone_table import ZoneTable
+from service.daemon.zone_table import Zones
 from service.records.outlook import WeatherLink
 
 OUTLOOK = {"kind": "open-meteo", "file": "forecast.json"}
@@ -93,7 +93,7 @@ async def test_a_reload_follows_the_weather(tmp_path: Path) -> None:
         return found is not None and found.series["temperature_2m"].values[0] == expected
 
     async with plumbing(tmp_path / "state") as shared:
-        runtime = Runtime(config, ZoneTable(), shared)
+        runtime = Runtime(config, Zones(), shared)
         await runtime.restore()
         runtime.start_zones()
         await runtime.start_feeds()
