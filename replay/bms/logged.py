@@ -48,6 +48,8 @@ class Demo(NamedTuple):
     pace: float
     overrides: tuple[str, ...] = ()
     """Changes to the written configuration, as of `--set`."""
+    knows: bool = True
+    """Whether its rooms begin with what the usual ones have learned, where they have no state."""
 
 
 class Column(NamedTuple):
@@ -66,7 +68,7 @@ async def live(demo: Demo, stop: asyncio.Event, ready: Callable[[tuple[Path, str
     simulation = Simulation(zones=ROOMS, seed=SEED, pace=demo.pace, clock=lambda: elapsed / demo.pace)
     rooms, weather = columns(simulation)
     demo.directory.mkdir(parents=True, exist_ok=True)
-    if not (state := demo.directory / STATE).exists():
+    if demo.knows and not (state := demo.directory / STATE).exists():
         state.mkdir(0o700)
         with tarfile.open(LEARNED) as archive:
             archive.extractall(demo.directory, filter="data")

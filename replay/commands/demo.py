@@ -49,13 +49,15 @@ def _live(directory: Path, arguments: argparse.Namespace) -> int:
 
     pace = arguments.pace
     changes, said = _ports(arguments.port)
-    demo = Demo(directory, pace=pace, overrides=tuple(changes))
+    # Rooms that are configured otherwise learn from the first day on.
+    knows = not any(change.strip().startswith(("zones", "site")) for change in arguments.overrides)
+    demo = Demo(directory, pace=pace, overrides=tuple(changes), knows=knows)
     with in_background(partial(live, demo)) as (path, control):
         config = load_config(arguments, path)
         room = config.zones[0].id
         said = [
             f"A SYNTHETIC building lives {pace:g} s in each second: a day takes {86_400 / pace / 60:.2g} min. "
-            f"The daemon knows the {LIVED_DAYS} days that it has lived, and goes on from there.",
+            f"The daemon {'knows' if knows else 'first learns'} the {LIVED_DAYS} days that it has lived.",
             *said,
             "",
             *demo_requests(config),

@@ -40,9 +40,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         directory = Path(folder)
         state = directory / STATE
-        # Where there is a state, the demo brings none.
-        state.mkdir(0o700)
-        with in_background(partial(live, Demo(directory, pace=_PACE))) as (path, _):
+        with in_background(partial(live, Demo(directory, pace=_PACE, knows=False))) as (path, _):
             while len((directory / FILE).read_bytes().splitlines()) <= LIVED_ROWS:
                 time.sleep(1.0)
         config = load(path, ["sources.logger.follow=false"])
