@@ -22,7 +22,7 @@ from replay.experiments.request import Request
 from replay.experiments.study import Figures, Results, Study
 from replay.lab.experiments.control.cases import UNDISTURBED, Scene
 from replay.lab.experiments.control.experiment import USUAL, WEATHER
-from replay.lab.experiments.control.loop import Moment, close
+from replay.lab.experiments.control.loop import Controller, Moment, close
 from replay.lab.experiments.control.site import inputs_of, networks_of
 from replay.localtime import DAY, HOUR
 from replay.reports.kit.document import Document
@@ -82,7 +82,7 @@ def prepare(request: Request) -> Study:
     )
 
 
-class Asking:
+class Asking(Controller):
     """Relays keep the set-points of the people, raised when Thermogate says; a worker of each room learns."""
 
     def __init__(self, run: PreheatRun, scene: Scene) -> None:

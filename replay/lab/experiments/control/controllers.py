@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from itertools import pairwise
 from typing import Any
 
@@ -13,7 +12,7 @@ from estimator.arrays import Array
 from replay.energyplus.plant import STEP
 from replay.lab.experiments.control.cases import WARMEST, Scene, price, stuck_steps
 from replay.lab.experiments.control.customer import mpc
-from replay.lab.experiments.control.loop import Moment
+from replay.lab.experiments.control.loop import Controller, Moment
 from replay.lab.experiments.control.site import HEATER, Site, inputs_of, networks_of
 from replay.localtime import HOUR
 from replay.scores.intervals import Mask
@@ -30,7 +29,7 @@ _STUCK_AFTER = round(HOUR / 2 / STEP)
 from then on, bad after twice as long)."""
 
 
-class Thermostat:
+class Thermostat(Controller):
     """A relay with hysteresis for each room, which keeps the lower end of the comfort band and `margin` K more, set up
     `early` s before the night setback ends."""
 
@@ -54,15 +53,12 @@ class Thermostat:
         )
         return self._heating, np.zeros(len(wanted), dtype=np.bool_)
 
-    def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
-        """A thermostat learns nothing."""
-
 
 MakeSite = Callable[[Mapping[str, Sequence[Sample]]], Site]
 """Thermogate for a building, from the samples of every room so far, which it has not yet taken."""
 
 
-class Planner:
+class Planner(Controller):
     """Every room is heated by the example `mpc.py` over Thermogate's REST, and by its thermostat between decisions.
 
     Until step `begins` a thermostat heats. Everybody who plans is given the weather as it will be, and what the other
@@ -89,7 +85,6 @@ class Planner:
         self._thermostat = Thermostat(scene, margin)
         self._stuck = stuck_steps(scene)
         self._site: Site | None = None
-        self._open = ExitStack()
         self._samples: dict[str, list[Sample]] = {room: [] for room in self._rooms}
         self._heating = np.zeros(len(self._rooms))
         self._memories = [mpc().Memory(settings) for settings in self._settings]
@@ -98,12 +93,6 @@ class Planner:
         self._planned: dict[str, tuple[int, Array]] = {}
         """By room: the step at which it was last planned, and the powers."""
         self._unchanged = 0
-
-    def __enter__(self) -> Planner:
-        return self
-
-    def __exit__(self, *of: object) -> None:
-        self._open.close()
 
     def powers(self, moment: Moment) -> tuple[Array, Mask]:
         """By plan where there is one, held at every moment; a thermostat looks at every moment."""
@@ -143,7 +132,7 @@ class Planner:
 
     def _feed(self) -> None:
         if self._site is None:
-            self._site = self._open.enter_context(self._make_site(self._samples))
+            self._site = self._make_site(self._samples)
         self._site.feed(self._samples)
         self._samples = {room: [] for room in self._rooms}
 
@@ -160,7 +149,7 @@ class Planner:
             float(moment.shown[room]),
             bool(self._heating[room] > 0.0),
             lambda steps: [price(moment.local + (k + 0.5) * DECISION) for k in range(steps)],
-            lambda steps: self._lowest(moment.local, room, steps),
+            lambda steps: lowest(self._life, moment.local, room, steps, self._margin),
             lambda steps: self._known(moment.step, room, steps),
             memory.left(moment.time),
         )
@@ -175,9 +164,6 @@ class Planner:
         if self._trusting and path.endswith("/trust"):
             answer["horizons"] = [one | {"trust": "trusted", "planned": "trusted"} for one in answer["horizons"]]
         return answer
-
-    def _lowest(self, local: float, room: int, steps: int) -> list[float]:
-        return lowest(self._life, local, room, steps, self._margin)
 
     def _known(self, index: int, room: int, steps: int) -> dict[str, dict[str, list[float]]]:
         """The weather of all rooms, and what the others have planned."""

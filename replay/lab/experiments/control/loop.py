@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from datetime import date
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,13 +44,14 @@ class Lived(NamedTuple):
     planned: Array
 
 
-class Controller(Protocol):
-    """Heats the rooms of a building."""
+class Controller(ABC):
+    """Heats the rooms of a building; learns nothing unless it says so."""
 
+    @abstractmethod
     def powers(self, moment: Moment) -> tuple[Array, Mask]:
         """(N,) W over the coming step, and (N,) whether they are planned."""
 
-    def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
+    def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:  # noqa: B027
         """What has happened in the step that began at `moment`."""
 
 

@@ -16,7 +16,7 @@ from estimator.arrays import Array
 from replay.lab.experiments.control.cases import WARMEST, Scene, price
 from replay.lab.experiments.control.controllers import DECISION, EVERY, HORIZON, Thermostat, lowest
 from replay.lab.experiments.control.customer import mpc
-from replay.lab.experiments.control.loop import Lived, Moment, close
+from replay.lab.experiments.control.loop import Controller, Lived, Moment, close
 from replay.localtime import HOUR
 from replay.scores.intervals import Mask
 
@@ -28,7 +28,7 @@ _REMEMBERED = 4 * _AHEAD
 """Steps of a plan after which a pulse is forgotten."""
 
 
-class Replayed:
+class Replayed(Controller):
     """Heats as in an earlier life, and `extra` (K, N) W more."""
 
     def __init__(self, before: Lived, extra: Array) -> None:
@@ -38,9 +38,6 @@ class Replayed:
         """Of that step."""
         powers = self._heating[moment.step]
         return powers, np.ones(len(powers), dtype=np.bool_)
-
-    def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
-        """Nothing is learned."""
 
 
 def responses(scene: Scene, before: Lived) -> Array:
@@ -67,7 +64,7 @@ def responses(scene: Scene, before: Lived) -> Array:
     return kelvin
 
 
-class Foreseeing:
+class Foreseeing(Controller):
     """Plans all rooms together from the life `before`, by the same costs, horizon, step and limits as `mpc.py`."""
 
     def __init__(self, scene: Scene, before: Lived, kelvin: Array, margin: float) -> None:

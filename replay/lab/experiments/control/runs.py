@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing
 from typing import NamedTuple
 
 import numpy as np
 
+from estimator.network.network import Network
 from estimator.offline.least_squares import Segment
 from replay.energyplus.plant import STEP
 from replay.experiments.jobs import Arrays
@@ -15,7 +17,7 @@ from replay.experiments.series.least_squares import LeastSquaresRun, fit
 from replay.experiments.series.recorded_zone import held
 from replay.lab.experiments.control import customer
 from replay.lab.experiments.control.cases import START, STEPS_A_DAY, Scene
-from replay.lab.experiments.control.controllers import EARLY, MakeSite, Planner, Thermostat
+from replay.lab.experiments.control.controllers import EARLY, Planner, Thermostat
 from replay.lab.experiments.control.loop import Lived, close, weather_of
 from replay.lab.experiments.control.perfect import foreseen
 from replay.lab.experiments.control.scores import scores
@@ -60,36 +62,29 @@ def _lived(run: ControlRun) -> Lived:
     if run.controller == PERFECT:
         return foreseen(scene, run.margin)
     trusting, begins = run.controller != THERMOGATE, scene.controlled_from
-    make = _online(run, "ekf" if run.controller == EKF else run.estimator)
-    if run.controller == LEAST_SQUARES:
-        make, begins = _least_squares(run)
-    with Planner(scene, make, weather_of(scene), begins=begins, trusting=trusting, margin=run.margin) as planner:
+    fitted = run.controller == LEAST_SQUARES
+    if fitted and scene.case == START:
+        # Without days before control it is fitted to the first half, in which the thermostat goes on.
+        begins = scene.steps // STEPS_A_DAY // 2 * STEPS_A_DAY
+    estimator = "ekf" if fitted or run.controller == EKF else run.estimator
+    with ExitStack() as opened:
+
+        def make(samples: Mapping[str, Sequence[Sample]]) -> Site:
+            networks = networks_of(scene.of)
+            if fitted:
+                networks = {name: _fitted(network, samples[name], scene.seed) for name, network in networks.items()}
+            return opened.enter_context(closing(Site(scene.of, networks, estimator, {}, scene.seed)))
+
+        planner = Planner(scene, make, weather_of(scene), begins=begins, trusting=trusting, margin=run.margin)
         return close(scene, planner)
 
 
-def _online(run: ControlRun, estimator: str) -> MakeSite:
-    building = run.scene.of
-    return lambda samples: Site(building, networks_of(building), estimator, {}, run.scene.seed)
-
-
-def _least_squares(run: ControlRun) -> tuple[MakeSite, int]:
-    """Fitted to the days before control; without any, to the first half, in which the thermostat goes on."""
-    scene = run.scene
-    begins = scene.controlled_from if scene.case != START else scene.steps // STEPS_A_DAY // 2 * STEPS_A_DAY
-
-    def make(samples: Mapping[str, Sequence[Sample]]) -> Site:
-        networks = {}
-        for name, network in networks_of(scene.of).items():
-            inputs, outputs = (
-                np.array([getattr(one, field) for one in samples[name]]) for field in ("inputs", "outputs")
-            )
-            steps = np.arange(len(inputs))
-            segments = [Segment(np.column_stack([held(steps, one, np.inf) for one in inputs.T]), outputs)]
-            theta = fit(LeastSquaresRun(network, STEP, segments, _STARTS, scene.seed))["theta"]
-            networks[name] = frozen(network, theta)
-        return Site(scene.of, networks, "ekf", {}, scene.seed)
-
-    return make, begins
+def _fitted(network: Network, samples: Sequence[Sample], seed: int) -> Network:
+    """`network` held at what fits `samples` best."""
+    inputs, outputs = (np.array([getattr(one, field) for one in samples]) for field in ("inputs", "outputs"))
+    steps = np.arange(len(inputs))
+    segments = [Segment(np.column_stack([held(steps, one, np.inf) for one in inputs.T]), outputs)]
+    return frozen(network, fit(LeastSquaresRun(network, STEP, segments, _STARTS, seed))["theta"])
 
 
 CONTROLLERS = (THERMOSTAT, LEAST_SQUARES, EKF, UNTRUSTING, THERMOGATE, PERFECT)

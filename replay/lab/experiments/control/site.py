@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -63,7 +62,7 @@ def inputs_of(
 
 
 class Site:
-    """The zones of a building, by their rooms' names, in this process; use it in a `with`."""
+    """The zones of a building, by their rooms' names, in this process; whoever makes it closes it."""
 
     def __init__(
         self,
@@ -93,6 +92,7 @@ class Site:
             self._zones[room.name] = Zone(room.name, estimator, "control", worker, shared, surroundings)
         self._app = create_app("control", self._zones, metrics.registry)
         self._running = self._runner.run(self._begun())
+        self._open.callback(lambda: self._runner.run(self._ended()))
 
     def feed(self, samples: Mapping[str, Sequence[Sample]]) -> None:
         """Let every zone take its samples, journaled and in order, to the last."""
@@ -109,16 +109,9 @@ class Site:
             raise OSError(found["detail"])
         return found
 
-    def __enter__(self) -> Site:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            self._runner.run(self._ended())
-        finally:
-            self._open.close()
+    def close(self) -> None:
+        """End the zones, and whatever they run on."""
+        self._open.close()
 
     async def _begun(self) -> list[asyncio.Task[None]]:
         for zone in self._zones.values():

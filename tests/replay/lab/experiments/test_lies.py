@@ -5,7 +5,6 @@ import pytest
 from support.energyplus import needs_energyplus
 from support.thermostat_house import recorded
 
-from replay.errors import ReplayError
 from replay.experiments.request import Request
 from replay.experiments.study import Results
 from replay.lab.experiments.lies import DAYS, LIES, NOTHING, PERIOD, Watch, prepare, watch
@@ -46,8 +45,3 @@ def test_the_report_has_a_row_for_every_lie():
     assert [row[0] for row in lies.rows] == list(LIES)
     assert lies.rows[0][1:] == pytest.approx((1 / 3, 2 / 3, 2 / 3, 1 / 3))
     assert [row[-1].mean for row in truth.rows] == [2.0, 2.0]
-
-
-def test_a_building_that_does_not_exist_is_refused():
-    with pytest.raises(ReplayError, match="there is no building 'castle'"):
-        prepare(Request(building=("castle",)))

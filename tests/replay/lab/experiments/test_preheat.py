@@ -1,12 +1,9 @@
 """Preheating in a building of EnergyPlus, in short."""
 
 import numpy as np
-import pytest
 from support.energyplus import needs_energyplus
 
-from replay.errors import ReplayError
-from replay.experiments.request import Request
-from replay.lab.experiments.preheat import EARLY, IN_TIME, MORNINGS, PreheatRun, _figures, mornings, prepare
+from replay.lab.experiments.preheat import EARLY, IN_TIME, MORNINGS, PreheatRun, _figures, mornings
 
 
 @needs_energyplus
@@ -21,9 +18,3 @@ def test_a_room_is_asked_every_night_and_lives_with_the_answer():
     assert figures[MORNINGS] == 3.0
     assert figures[IN_TIME] == 1.0
     assert 0.0 <= figures[EARLY] <= 360.0
-
-
-@needs_energyplus
-def test_a_run_that_ends_before_anything_is_known_is_refused():
-    with pytest.raises(ReplayError, match="give 4 or more"):
-        prepare(Request(days=3))

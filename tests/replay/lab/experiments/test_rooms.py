@@ -12,8 +12,8 @@ from replay.lab.experiments.recordings import at_hand
 from replay.lab.experiments.rooms import FILES, ROOMS, read_room
 
 
-def written(folder: Path, text: str) -> Path:
-    path = folder / "rooms" / "ou44.csv"
+def written(folder: Path, text: str, file: str = "rooms/ou44.csv") -> Path:
+    path = folder / file
     path.parent.mkdir()
     path.write_text(text, encoding="utf-8")
     return folder
@@ -42,28 +42,15 @@ def test_a_file_that_is_not_there_is_no_recording(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("name", "text", "said"),
     [
-        (HEAD, "it has no rows of the room"),
-        ("room,time,T_room\n22-508-1,2017-03-21T00:00:00,20\n", "'T_out' is not what docs/benchmark.md says"),
-        (HEAD + "22-508-1,yesterday,20,0,0,0,9,6\n", "is not what docs/benchmark.md says"),
+        ("OU44 22-508-1", HEAD, "it has no rows of the room"),
+        ("OU44 22-508-1", HEAD + "22-508-1,yesterday,20,0,0,0,9,6\n", "is not what docs/benchmark.md says"),
+        ("armadillo", "Time,T_ext,T_int\n0,1,2\n0,1,2\n", "'P_hea' is not what docs/benchmark.md says"),
+        ("armadillo", "T_ext,P_hea,I_sol,T_int\n1,x,2,3\n1,1,2,3\n", "could not convert string to float: 'x' is not"),
+        ("armadillo", "T_ext,P_hea,I_sol,T_int\n1,1,,3\n1,1,2,3\n", "it has gaps"),
     ],
 )
-def test_a_file_of_another_layout_is_refused_in_one_sentence(text: str, said: str, tmp_path: Path) -> None:
+def test_a_file_of_another_layout_is_refused_in_one_sentence(name: str, text: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(ReplayError, match=said):
-        read_room("OU44 22-508-1", written(tmp_path, text))
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("Time,T_ext,T_int\n0,1,2\n0,1,2\n", "'P_hea' is not what docs/benchmark.md says"),
-        ("T_ext,P_hea,I_sol,T_int\n1,x,2,3\n1,1,2,3\n", "could not convert string to float: 'x' is not what"),
-        ("T_ext,P_hea,I_sol,T_int\n1,1,,3\n1,1,2,3\n", "it has gaps"),
-    ],
-)
-def test_another_file_under_the_name_is_refused(text: str, said: str, tmp_path: Path) -> None:
-    (tmp_path / "armadillo").mkdir()
-    (tmp_path / "armadillo/armadillo_data_H2.csv").write_text(text, encoding="utf-8")
-    with pytest.raises(ReplayError, match=said):
-        at_hand(tmp_path, ["armadillo"])
+        at_hand(written(tmp_path, text, ROOMS[name].file), [name])
