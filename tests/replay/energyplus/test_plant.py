@@ -2,7 +2,7 @@
 
 import errno
 import os
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from datetime import date
 from pathlib import Path
 
@@ -87,21 +87,15 @@ def test_the_first_moment_is_the_midnight_of_the_place_in_a_settled_building() -
 
 
 def test_several_plants_live_at_once_without_touching_each_other() -> None:
-    alone = {name: lived(BUILDINGS[name], 288, weather=weather) for name, weather in (("house", "denver"),)}["house"]
-    other = lived(TIMBER, 288, weather="tampa")
-    found: dict[str, list] = {}
+    homes = {"a": (HOUSE, "denver"), "b": (TIMBER, "tampa"), "c": (HOUSE, "denver")}
 
-    def live(key: str, building: Building, weather: str) -> None:
-        found[key] = lived(building, 288, weather=weather)
+    def live(key: str) -> list[tuple[Readings, Inputs, Readings]]:
+        building, weather = homes[key]
+        return lived(building, 96, weather=weather)
 
-    threads = [
-        threading.Thread(target=live, args=arguments)
-        for arguments in (("a", HOUSE, "denver"), ("b", TIMBER, "tampa"), ("c", HOUSE, "denver"))
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    alone, other = live("a"), live("b")
+    with ThreadPoolExecutor(len(homes)) as pool:
+        found = dict(zip(homes, pool.map(live, homes), strict=True))
     for key, expected in (("a", alone), ("b", other), ("c", alone)):
         for (_, _, left), (_, _, right) in zip(found[key], expected, strict=True):
             np.testing.assert_array_equal(left.air, right.air)
