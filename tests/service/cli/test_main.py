@@ -151,6 +151,7 @@ def test_demo_runs_the_daemon_on_its_building(tmp_path: Path, monkeypatch: pytes
     usual, chosen = plants
     assert (usual.pace, usual.directory.exists()) == (600.0, False), "the temporary folder is gone"
     assert (chosen.directory, chosen.pace, chosen.overrides[0]) == (home, 60.0, "http.port=0")
+    assert (usual.knows, chosen.knows) == (True, False), "rooms of another period have learned nothing yet"
     assert [options for _, options in runs] == [{"duration": None}, {"duration": 2.5}]
     assert runs[1][0][0].zones[0].period == 600
     assert home.exists()
