@@ -16,6 +16,8 @@ ROOM = "document.querySelector('[data-zone=\"{}\"] .cell-{}')"
 @pytest.fixture(scope="module")
 def living() -> Iterator[LivingDemo]:
     with demo() as found:
+        # Where nothing has been compiled yet, the first forecasts take minutes.
+        httpx.get(f"{found.url}/zones/room1/forecast", params={"horizon": "24h"}, timeout=600).raise_for_status()
         yield found
 
 
@@ -29,8 +31,7 @@ def test_every_room_is_trusted_or_says_why_not_and_is_forecast_for_a_day(visit: 
     for room in ("room1", "room2", "room3", "room4"):
         eventually(page, f"{cell(room, 'later')}.includes('°C')")
         trust, finding = page.evaluate(cell(room, "trust")), page.evaluate(cell(room, "finding"))
-        assert trust in ("trusted", "doubtful"), (room, trust)
-        assert trust == "trusted" or finding, room
+        assert trust == "trusted" or (trust != "learning" and finding), (room, trust)
     fan = httpx.get(f"{living.url}/zones/room1/forecast", params={"horizon": "24h"}).json()
     assert len(fan["fan"]) >= 96
     page = visit(living.url, "/#/zone/room1").page
