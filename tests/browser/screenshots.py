@@ -32,7 +32,7 @@ def main() -> int:
     """Photograph, and say where the pictures are."""
     parser = argparse.ArgumentParser(description="Photograph the page of the living demo.")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images", help="folder of the pictures")
-    parser.add_argument("--seconds", type=float, default=120.0, help="how long the demo runs before")
+    parser.add_argument("--seconds", type=float, default=60.0, help="how long the demo runs before")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     with demo() as living:
