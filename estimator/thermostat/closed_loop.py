@@ -128,8 +128,8 @@ def course(
         numbers: (L, 3, K): the laws' numbers in each draw; by default those of `laws` in all.
         astray: by how much the inputs of each draw differ from `rows`; by default they do not.
     """
-    count, steps, places = len(models.state), len(rows), laws.column.astype(np.int64)
-    noise = noise or no_noise(models, steps)
+    count, places = len(models.state), laws.column.astype(np.int64)
+    noise = noise or no_noise(models, len(rows))
     if numbers is None:
         numbers = np.repeat(laws.numbers[:, :, None], count, axis=2)
     others = rows.copy()
@@ -137,9 +137,9 @@ def course(
     idle = _driven(models.b, others)
     if astray is not None:
         for column, shift in astray.shifts:
-            idle += shift[:, :steps, None] * models.b[:, None, :, column]
+            idle += shift[:, :, None] * models.b[:, None, :, column]
         if len(astray.sunny):
-            idle += astray.sun[:, :steps, None] * _driven(models.b[:, :, astray.sunny], rows[:, astray.sunny])
+            idle += astray.sun[:, :, None] * _driven(models.b[:, :, astray.sunny], rows[:, astray.sunny])
     return Course(
         models._replace(a=np.ascontiguousarray(models.a)),
         laws,
@@ -147,7 +147,7 @@ def course(
         np.ascontiguousarray(idle),
         laws.sign * rows[:, places],
         np.maximum(laws.sign * before[places], 0.0),
-        Noise(noise.process[:steps], noise.alive[:steps]),
+        noise,
         np.ascontiguousarray(numbers),
         np.full(count, -1) if astray is None else astray.weather,
     )
@@ -159,29 +159,23 @@ def _driven(response: Array, rows: Array) -> Array:
     return (response.reshape(count * size, width) @ rows.T).reshape(count, size, len(rows)).transpose(0, 2, 1)
 
 
-class Start(NamedTuple):
-    """Draws made ready for any number of futures, which then have the same noise: what differs between two futures is
-    what was asked."""
-
-    models: StateSpace
-    noise: Noise
-    numbers: Array
-    """(L, 3, K)."""
-    astray: Astray | None
-
-    def along(self, laws: Laws, rows: Array, before: Array) -> Course:
-        """`course` from here, over at most as many steps as there is noise."""
-        return course(self.models, laws, rows, before, noise=self.noise, numbers=self.numbers, astray=self.astray)
-
-
-def started(
-    draws: ModelDraws, period: float, laws: Laws, steps: int, *, seed: int, origin: int, astray: Astray | None = None
-) -> Start:
-    """`draws` with noise as `sampled_paths` has it, and numbers of the `laws` drawn from what is known of them; by
-    default no input goes `astray`.
+def course_of(
+    draws: ModelDraws,
+    period: float,
+    laws: Laws,
+    rows: Array,
+    before: Array,
+    *,
+    seed: int,
+    origin: int,
+    astray: Astray | None = None,
+) -> Course:
+    """`course` of `draws`, with noise as `sampled_paths` has it and numbers of the `laws` drawn from what is known of
+    them.
 
     `seed` and `origin`, the number of the step now, are all that the random numbers depend on.
     """
+    steps = len(rows)
     models = of_draws(draws, period, 1)
     size, count = draws.state.shape
     states = len(models.network.nodes)
@@ -195,7 +189,8 @@ def started(
     # The matrices hold the chance that a gain stays on; here it does, or does not.
     transition = models.a.copy()
     transition[:, :, states:] /= draws.gain_stays or 1.0
-    return Start(models._replace(a=transition, state=start), Noise(process, alive), _drawn(laws, now, count), astray)
+    models, noise = models._replace(a=transition, state=start), Noise(process, alive)
+    return course(models, laws, rows, before, noise=noise, numbers=_drawn(laws, now, count), astray=astray)
 
 
 class LawRoom:

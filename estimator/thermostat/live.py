@@ -33,7 +33,7 @@ from estimator.bank.mixing import mixed, mixed_futures, stretched
 from estimator.bank.weights import COMPONENTS, Costs, between, costs_of, no_costs, weights, with_cost
 from estimator.foresight import Weather, weather
 from estimator.thermostat import held
-from estimator.thermostat.closed_loop import Course, Paths, Start, started
+from estimator.thermostat.closed_loop import Course, Paths, course_of
 from estimator.thermostat.futures import GUESSES, NOTHING_KNOWN, ToCome, guesses
 from estimator.thermostat.law import Laws
 from estimator.thermostat.memory import Memory, reaches_back
@@ -345,8 +345,7 @@ class LiveForecasts:
         parts, own, of, energies, last = [], [], [], [], np.array([steps])
         for place, member in enumerate(self._members):
             draws = _draws(member.network, issue.drawn[place])
-            start = self._start(draws, place, laws, steps, to_come, origin)
-            paths = start.along(laws, rows[:, self._columns[place]], issue.before).under(setpoints)
+            paths = self._course(draws, place, laws, rows, issue.before, to_come, origin).under(setpoints)
             end, believed = paths.mixtures(last).at(0), _believed(paths, setpoints, memory)[-1]
             parts.append(Mixture(believed / believed.sum(), end.means[:1], end.sds[:1]))
             own.append(shares[place] * believed.sum())
@@ -592,14 +591,16 @@ class LiveForecasts:
         for place in np.flatnonzero(most > 0.0).tolist():
             drawn = self._members[place].draws(states[place], max(_FEWEST, round(count * most[place] / most.sum())))
             assert drawn is not None
-            start = self._start(drawn, place, laws, steps, to_come, origin)
-            found[place] = start.along(laws, ahead.rows[:, self._columns[place]], before)
+            found[place] = self._course(drawn, place, laws, ahead.rows, before, to_come, origin)
         return found
 
-    def _start(self, draws: ModelDraws, place: int, laws: Laws, steps: int, to_come: Weather, origin: int) -> Start:
+    def _course(
+        self, draws: ModelDraws, place: int, laws: Laws, rows: Array, before: Array, to_come: Weather, origin: int
+    ) -> Course:
+        """The member at `place`, by its `draws`, on its way over the estimator's `rows` (h, n_d)."""
         astray = to_come.chosen(draws.network, np.arange(len(draws.weights)) + _APART * place)
-        seed = self._seed + place
-        return started(draws, self._estimator.period, laws, steps, seed=seed, origin=origin, astray=astray)
+        own, period, seed = rows[:, self._columns[place]], self._estimator.period, self._seed + place
+        return course_of(draws, period, laws, own, before, seed=seed, origin=origin, astray=astray)
 
     def _due(self, live: Live) -> Iterator[tuple[int, Issue]]:
         for horizon, lead in enumerate(self.leads):

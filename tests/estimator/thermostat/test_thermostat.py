@@ -7,7 +7,7 @@ from estimator.network.network import Conductance, Gain, HeatInput, Network, Par
 from estimator.network.presets import network
 from estimator.statespace.matrices import of_draws
 from estimator.statespace.simulate import sampled_paths
-from estimator.thermostat.closed_loop import LawRoom, course, started
+from estimator.thermostat.closed_loop import LawRoom, course, course_of
 from estimator.thermostat.law import Laws, called, identified, no_laws
 from estimator.thermostat.memory import in_order, no_memory, remembered
 from estimator.types import ModelDraws
@@ -41,8 +41,7 @@ def draws(count, theta=THETA, state=(20.0, 18.0), spread=0.0, noise=0.0, of=HOUS
 
 
 def sampled_loops(draws, period, laws, setpoints, rows, before, *, seed, origin):
-    start = started(draws, period, laws, len(rows), seed=seed, origin=origin)
-    return start.along(laws, rows, before).under(setpoints)
+    return course_of(draws, period, laws, rows, before, seed=seed, origin=origin).under(setpoints)
 
 
 def models_of(one):
