@@ -37,6 +37,24 @@ def wait_until(done: Callable[[], Found], told: Callable[[], object] = lambda: "
 
 
 @contextmanager
+def turns_beside() -> Iterator[Callable[[], int]]:
+    """How often the event loop has turned beside what is done in the context."""
+    turns = 0
+
+    async def other() -> None:
+        nonlocal turns
+        while True:
+            turns += 1
+            await asyncio.sleep(0)
+
+    beside = asyncio.create_task(other())
+    try:
+        yield lambda: turns
+    finally:
+        beside.cancel()
+
+
+@contextmanager
 def repeated(act: Callable[[], object], seconds: float = 0.2) -> Iterator[None]:
     """Do `act` over and over on a thread of its own, as long as the context lasts."""
     ended = threading.Event()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 
 import pytest
 from support.sources import bound, source_table
+from support.waiting import turns_beside
 
 from adapters.messages import subscribed
 from adapters.messages.inbox import LONGEST_PAYLOAD, MOST_BYTES, MOST_BYTES_OF_ONE, Inbox, Incoming
@@ -98,18 +98,10 @@ async def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered
 ) -> None:
     for name, value in (("SLICE_SECONDS", 0.0), ("TOGETHER_SECONDS", float("inf")), ("MOST_TOGETHER", 100)):
         monkeypatch.setattr(subscribed, name, value)
-    inbox, turns = Inbox(["k"], 1000), 0
+    inbox = Inbox(["k"], 1000)
     for _ in range(250):
         inbox.put("k", came("k"))
     source = SubscribedSource("bms", TABLE, [bound(TABLE, "room/T", key="k")])
-
-    async def other() -> None:
-        nonlocal turns
-        while True:
-            turns += 1
-            await asyncio.sleep(0)
-
-    beside = asyncio.create_task(other())
-    assert [len(await source._readings(inbox)) for _ in range(4)] == [100, 100, 50, 0]
-    beside.cancel()
-    assert turns >= 240
+    with turns_beside() as turns:
+        assert [len(await source._readings(inbox)) for _ in range(4)] == [100, 100, 50, 0]
+    assert turns() >= 240

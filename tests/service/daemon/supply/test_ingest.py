@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from support.config_samples import sound, write
+from support.waiting import turns_beside
 
 from adapters.http.posted import Posted
 from adapters.reading import Fault, Reading
@@ -75,18 +76,9 @@ async def test_a_large_post_leaves_the_event_loop_to_others_and_goes_in_the_orde
 ) -> None:
     posted = [Posted("living", 20.0, float(time), "T_i") for time in range(5 * TOGETHER, 0, -1)]
     posted += [Posted("nobody", 20.0, None, f"field {k}") for k in range(5 * TOGETHER)]
-    turns = 0
-
-    async def other() -> None:
-        nonlocal turns
-        while True:
-            turns += 1
-            await asyncio.sleep(0)
-
-    beside = asyncio.create_task(other())
-    taken = await Ingest(lambda: feeds, lambda: True).take(posted, None)
-    beside.cancel()
-    assert turns >= 10
+    with turns_beside() as turns:
+        taken = await Ingest(lambda: feeds, lambda: True).take(posted, None)
+    assert turns() >= 10
     assert (taken.accepted, taken.unknown, len(taken.unknown_names)) == (5 * TOGETHER, 5 * TOGETHER, 5)
     times = [reading.time for _, readings in zones["living"].taken for reading in readings]
     assert times == [float(time) for time in range(1, 5 * TOGETHER + 1)]
