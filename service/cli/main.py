@@ -6,10 +6,13 @@ Exit codes: 0 done, 1 failure, 2 usage or configuration, 130 interrupted. Mistak
 from __future__ import annotations
 
 import argparse
+import atexit
 import os
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from importlib import import_module
 from importlib.metadata import entry_points, version
 from pkgutil import iter_modules
@@ -31,17 +34,24 @@ _SET_HELP = (
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code. `argv` is without the program name; None takes it from the process."""
+    """Run one command and return its exit code. `argv` is without the program name; None takes it from the process,
+    which then ends here if a library has left a thread to the end of it."""
     prepare_process()
     try:
-        arguments = _parser().parse_args(argv)
+        code = _run_command(_parser().parse_args(argv))
     except SystemExit as end:
-        return end.code if isinstance(end.code, int) else 0
-    try:
-        return _run_command(arguments)
+        code = end.code if isinstance(end.code, int) else 0
     except KeyboardInterrupt:
         _complain("interrupted")
-        return 130
+        code = 130
+    if argv is None and any(thread.daemon for thread in threading.enumerate()):
+        # The interpreter would end such a thread inside the library, which aborts the process: an orderly stop of a
+        # daemon whose Zenoh session does not close would be a crash.
+        atexit._run_exitfuncs()
+        with suppress(OSError):
+            sys.stdout.flush()
+        os._exit(code)
+    return code
 
 
 def _run_command(arguments: argparse.Namespace) -> int:

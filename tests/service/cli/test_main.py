@@ -174,3 +174,30 @@ def test_output_that_nobody_reads_to_the_end_is_no_failure_to_talk_about() -> No
     ended = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, cwd=ROOT, check=False)
     os.close(writing)
     assert (ended.returncode, ended.stderr) == (1, b"")
+
+
+_LEAVES_THREADS = """
+import atexit, sys, threading, time, zenoh
+from service.cli.main import main
+config = zenoh.Config()
+config.insert_json5("listen/endpoints", "[]")
+config.insert_json5("scouting/multicast/enabled", "false")
+publisher = zenoh.open(config).declare_publisher("a/b")
+
+def put():
+    while True:
+        publisher.put(b"x")
+
+for _ in range(4):
+    threading.Thread(target=put, daemon=True).start()
+atexit.register(print, "at the end")
+sys.argv = ["thermogate", *sys.argv[1:]]
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize(("word", "code"), [("--version", 0), ("rnu", 2)])
+def test_a_thread_that_a_library_has_left_does_not_abort_the_process(word: str, code: int) -> None:
+    ended = subprocess.run([sys.executable, "-c", _LEAVES_THREADS, word], capture_output=True, text=True, timeout=60)
+    assert ended.returncode == code, ended.stderr
+    assert "at the end" in ended.stdout
