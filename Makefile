@@ -15,7 +15,7 @@ run: $(VENV)/.kernels  ## a living building and the daemon beside it: forecasts 
 	$(BIN)/thermogate demo
 
 test:  ## lint, types and every test
-	$(MAKE) -j2 lint kernels
+	$(MAKE) -j3 lint kernels $(VENV)/.kernels-of-tests
 	$(MAKE) unit
 
 lint: $(VENV)/.ready
@@ -28,6 +28,10 @@ kernels: $(VENV)/.kernels  # once and beside lint: the first processes of the te
 $(VENV)/.kernels: $(VENV)/.ready $(shell find estimator -name '*.py')
 	@echo "compiling the estimators, once: about a minute"
 	@$(BIN)/thermogate replay deploy/examples/generic-csv.toml --out var/kernels >/dev/null
+	@touch $@
+
+$(VENV)/.kernels-of-tests: $(VENV)/.ready $(shell find estimator -name '*.py')
+	@$(BIN)/python tests/support/kernels.py
 	@touch $@
 
 unit: $(VENV)/.ready

@@ -25,7 +25,7 @@ settings.load_profile("tests")
 if TYPE_CHECKING:
     from support.shards import Shards
 
-LONG = [Path(__file__).parent / name for name in ("integration", "browser", "deploy")]
+LONG = [Path(__file__).parent / name for name in ("integration", "browser", "deploy", "replay", "service/store")]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

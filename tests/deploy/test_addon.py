@@ -156,7 +156,7 @@ def party(site: Mosquitto, *topics: str) -> Party:
 
 
 def test_from_the_options_to_a_forecast_of_a_room_with_history(tmp_path: Path, house: House, site: Mosquitto) -> None:
-    kept(tmp_path, hours=4)
+    kept(tmp_path, hours=1)
     rooms = [
         {"name": "living", "thermostat": "climate.living", "power": 1200.0},
         ATTIC,
@@ -177,7 +177,7 @@ def test_from_the_options_to_a_forecast_of_a_room_with_history(tmp_path: Path, h
         assert "room cellar: Home Assistant has no entity 'climate.cellar'; choose one of" in said
         assert "history could not be learned" not in said
         wait_until(lambda: {ahead, telemetry} < listening.newest().keys())
-        # Four hours in degF have been learned, so that the first live interval need not be waited for.
+        # An hour in degF has been learned, so that the first live interval need not be waited for.
         forecast = json.loads(listening.newest()[ahead])
         assert 12.0 < forecast["outputs"][0]["horizons"][0]["mean"] < 28.0
         told = json.loads(listening.newest()[telemetry])
