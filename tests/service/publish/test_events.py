@@ -7,7 +7,7 @@ import time
 from contextlib import asynccontextmanager
 
 from prometheus_client import CollectorRegistry
-from support.fake_zones import PERIOD, START, announced, make_update, running, waiting
+from support.fake_zones import PERIOD, START, announced, make_update, running
 from support.running_zone import Announced
 from support.served import Client, config, serving
 from support.waiting import PATIENCE, until
@@ -121,16 +121,6 @@ async def test_what_stands_comes_at_once_and_then_what_is_issued():
         assert "content-type: text/event-stream" in head
         assert "content-encoding" not in head, "compression would hold events back"
         assert "retry: 3000" in client.text
-
-
-async def test_a_zone_without_a_sample_tells_its_state():
-    async with opened(zone=waiting("living")) as server:
-        client = await server.connect()
-        ((kind, id, data),) = await client.events(1)
-        assert (kind, id, data["state"]) == ("status", None, "waiting")
-        changed = server.zone.now().status._replace(reason="another one")
-        server.streams.publish(announced("living", None, changed, site=SITE))
-        assert (await client.events(2))[1][2]["reason"] == "another one"
 
 
 async def test_a_client_that_comes_back_is_given_the_rows_it_missed():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import AsyncExitStack
 from pathlib import Path
 
 import httpx
@@ -25,25 +24,6 @@ from service.web.server.refusal import RequestRefused
 
 def limited(**limits: int) -> Limiter:
     return Limiter(LimitsConfig.model_validate(limits, context={"folder": "/"}))
-
-
-async def test_a_client_has_its_share_and_all_together_the_total() -> None:
-    limiter = limited(streams_per_client=2, streams=3)
-
-    async def open_for(stack: AsyncExitStack, client: str) -> None:
-        asked_by(Asker(client))
-        await stack.enter_async_context(limiter.turn(STREAMS))
-
-    async with AsyncExitStack() as stack:
-        for client in ("a", "a", "b"):
-            await open_for(stack, client)
-        for client, status in (("a", 429), ("c", 503)):
-            with pytest.raises(RequestRefused) as refused:
-                await open_for(stack, client)
-            assert refused.value.status == status
-        assert limiter.open(STREAMS) == 3
-    assert limiter.open(STREAMS) == 0
-    assert not limiter._queues[STREAMS]._turns, "clients that have gone leave nothing behind"
 
 
 async def test_nobody_waits_for_ever_behind_their_own_requests(
