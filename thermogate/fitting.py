@@ -35,6 +35,9 @@ def fit(
     habits: bool | None = None,
     sun: str | bool | None = None,
     floor_area: float | None = None,
+    construction: str | None = None,
+    built: int | None = None,
+    use: str | None = None,
     latitude: float | None = None,
     longitude: float | None = None,
     country: str | None = None,
@@ -58,6 +61,8 @@ def fit(
         sun: "facades", which needs `latitude` and `longitude`, as does "clear-sky", which needs no sensor; "hours", or
             False; None: as the network "auto" can.
         floor_area: of the zone [m2], which scales what is thought of it before the first sample.
+        construction, built, use: how heavy the building is, such as "heavy", its year, and what the zone is used for,
+            such as "office", as in [[zones]]; facts of public studies then inform the first days.
         latitude, longitude: of the building, in degrees, north and east positive.
         country: whose public holidays are as weekends, such as "DE" or "DE-BW".
         neighbours: models of other rooms of the building; this one begins with what they have learned.
@@ -82,6 +87,9 @@ def fit(
             "habits": habits,
             "sun": sun,
             "floor_area": floor_area,
+            "construction": construction,
+            "built": built,
+            "use": use,
             "latitude": latitude,
             "longitude": longitude,
             "country": country,

@@ -12,6 +12,7 @@ from dataclasses import replace
 from estimator.errors import NetworkError
 from estimator.heat.sun import Location
 from estimator.network.boxes import TYPICAL_AREA
+from estimator.network.buildings import USES
 from estimator.network.family import envelope
 from estimator.network.network import Network
 from estimator.network.terms import HeatTerm
@@ -28,6 +29,8 @@ CLEAR, HABIT = "clear_", "habit_"
 
 _APERTURE, _APERTURE_SD, _APERTURE_WALK = 1.0, 2.0, 0.03
 _HABIT, _HABIT_SD, _DIFFERENCE_SD, _HABIT_WALK = 200.0, 80.0, 100.0, 5.0
+_OF_USE_SD = 0.5
+"""Standard deviation of the heat of a known use, as a share of it, where that is more."""
 
 
 def sun_channel(network: Network) -> str | None:
@@ -42,11 +45,12 @@ def with_known_heat(
     sun: str | None = None,
     location: Location | None = None,
     floor_area: float | None = None,
+    use: str | None = None,
 ) -> Network:
     """`network` with terms for `habits` and for the `sun`, by "facades" or "hours", or by facades under a "clear-sky".
 
     Facades and a clear sky need a `location`; without a clear sky the sun needs a heat input in W/m2. NetworkError with
-    one sentence where that is missing.
+    one sentence where that is missing. `use` is one of USES, whose habits are then expected.
     """
     scale = 1.0 if floor_area is None else floor_area / TYPICAL_AREA
     terms: list[HeatTerm] = []
@@ -55,7 +59,7 @@ def with_known_heat(
         if sun is not None:
             terms += _sun_terms(network, sun, location, node, room, scale)
         if habits:
-            terms += _habit_terms(node, room, scale)
+            terms += _habit_terms(node, room, scale, use)
     skin = envelope(network)
     if sun is not None and skin is not None:
         clear = CLEAR if sun == "clear-sky" else ""
@@ -87,15 +91,15 @@ def _aperture(name: str, node: str, series: str, scale: float) -> HeatTerm:
     return HeatTerm(name, node, series, "m2", _APERTURE * scale, _APERTURE_SD * scale, _APERTURE_WALK * scale, 0.0)
 
 
-def _habit_terms(node: str, room: str, scale: float) -> list[HeatTerm]:
-    own = [
-        HeatTerm(f"habit_{hour:02}{room}", node, f"habit_{hour:02}", "W", _HABIT * scale, _HABIT_SD * scale,
-                 _HABIT_WALK * scale)
-        for hour in HABIT_HOURS
-    ]  # fmt: skip
-    weekend = [
-        HeatTerm(f"habit_weekend_{hour:02}{room}", node, f"habit_weekend_{hour:02}", "W", 0.0, _DIFFERENCE_SD * scale,
-                 _HABIT_WALK * scale)
-        for hour in HABIT_HOURS
-    ]  # fmt: skip
-    return [*own, *weekend]
+def _habit_terms(node: str, room: str, scale: float, use: str | None) -> list[HeatTerm]:
+    workdays, weekend = [(_HABIT, _HABIT_SD)] * len(HABIT_HOURS), [(0.0, _DIFFERENCE_SD)] * len(HABIT_HOURS)
+    if use is not None:
+        workdays, weekend = (
+            [(TYPICAL_AREA * heat, max(sd, _OF_USE_SD * TYPICAL_AREA * abs(heat))) for heat in by_hour]
+            for by_hour, sd in zip(USES[use], (_HABIT_SD, _DIFFERENCE_SD), strict=True)
+        )
+    return [
+        HeatTerm(f"{name}{hour:02}{room}", node, f"{name}{hour:02}", "W", mean * scale, sd * scale, _HABIT_WALK * scale)
+        for name, beliefs in (("habit_", workdays), ("habit_weekend_", weekend))
+        for hour, (mean, sd) in zip(HABIT_HOURS, beliefs, strict=True)
+    ]

@@ -25,8 +25,8 @@ class Parameter:
     """One entry of theta: a capacitance [J/K], a conductance [W/K] or the gain of a heat input.
 
     `lower` and `upper` are the box that a free parameter is learned in; one that is not free stays at `nominal`. A
-    priori it is log-uniform on the box (23), or, where a `typical` value is known, log-normal about it: off by a factor
-    of e, 2.7, is one standard deviation.
+    priori it is log-uniform on the box (23), or, where a `typical` value is known, log-normal about it with `spread`,
+    the standard deviation of its logarithm: by default a factor of e, 2.7.
     """
 
     name: str
@@ -36,6 +36,7 @@ class Parameter:
     nominal: float | None = None
     free: bool = True
     typical: float | None = None
+    spread: float = 1.0
 
 
 @dataclass(frozen=True)

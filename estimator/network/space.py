@@ -21,13 +21,14 @@ from estimator.network.network import Network
 class ParameterSpace(NamedTuple):
     """Where theta lives.
 
-    `lower` and `upper` (d,) bound phi. `typical` (d,) is the centre of a log-normal prior with a standard deviation of
-    1, NaN for a log-uniform one; `free` (d,) are its entries of theta, `fixed` (n_theta,) fills the others.
+    `lower` and `upper` (d,) bound phi. `typical` (d,) is the centre of a log-normal prior with the standard deviation
+    `spread` (d,), NaN for a log-uniform one; `free` (d,) are its entries of theta, `fixed` (n_theta,) fills the others.
     """
 
     lower: Array
     upper: Array
     typical: Array
+    spread: Array
     free: Indices
     fixed: Array
     logit: bool
@@ -48,7 +49,7 @@ class ParameterSpace(NamedTuple):
     def prior_variance(self) -> Array:
         """(d,): of phi; for a log-normal prior without regard to the little that the box cuts off."""
         uniform = (self.upper - self.lower) ** 2 / 12.0
-        return np.where(np.isnan(self.typical), uniform, np.minimum(uniform, 1.0))
+        return np.where(np.isnan(self.typical), uniform, np.minimum(uniform, self.spread**2))
 
     def from_uniform(self, place: Array, share: float = 1.0) -> Array:
         """Coordinates (d, N) of `place` (d, N) in the unit box: draws from the prior when `place` is uniform.
@@ -68,11 +69,11 @@ class ParameterSpace(NamedTuple):
         normal = ~np.isnan(self.typical)
         if not normal.any():
             return placed
-        low, high, centre = (rows[normal, None] for rows in (self.lower, self.upper, self.typical))
-        below, above = ndtr(low - centre), ndtr(high - centre)
+        low, high, centre, sd = (rows[normal, None] for rows in (self.lower, self.upper, self.typical, self.spread))
+        below, above = ndtr((low - centre) / sd), ndtr((high - centre) / sd)
         middle, drawn = (ndtri(below + (above - below) * part) for part in (0.5, place[normal]))
         placed = placed.copy()
-        placed[normal] = (centre + middle + share * (drawn - middle) - low) / (high - low)
+        placed[normal] = (centre + sd * middle + share * (sd * (drawn - middle)) - low) / (high - low)
         return np.clip(placed, 0.0, 1.0)
 
     def confine(self, coordinates: Array) -> Array:
@@ -90,6 +91,7 @@ def parameter_space(network: Network, *, logit: bool) -> ParameterSpace:
         lower=np.log([box.lower for box in boxes]),
         upper=np.log([box.upper for box in boxes]),
         typical=np.log([np.nan if box.typical is None else box.typical for box in boxes]),
+        spread=np.array([box.spread for box in boxes], dtype=np.float64),
         free=np.array(free, dtype=np.int64),
         fixed=np.array([np.nan if p.free else p.nominal for p in network.parameters], dtype=np.float64),
         logit=logit,

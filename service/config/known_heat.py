@@ -9,11 +9,15 @@ from estimator.errors import NetworkError
 from estimator.heat.sun import Location
 from estimator.heat.terms import sun_channel, with_known_heat
 from estimator.network.boxes import TYPICAL_AREA
+from estimator.network.buildings import NOTHING_KNOWN, Building, has_envelope, informed
 from estimator.network.network import Network
 from estimator.network.presets import AUTO
 from estimator.registry import ESTIMATORS
 from service.config.network_tables import PresetConfig
 from service.config.site import Whereabouts, ZoneTable
+
+OF_THE_ENVELOPE = ("construction", "built")
+"""Keys of a zone that its network shows when it is resolved."""
 
 
 def heated(network: Network, zone: ZoneTable, whereabouts: Whereabouts, place: Place, problems: Problems) -> Network:
@@ -29,9 +33,21 @@ def heated(network: Network, zone: ZoneTable, whereabouts: Whereabouts, place: P
         return network
     if network.terms:
         return network
-    area = zone.floor_area or _area_of_the_box(zone)
-    if network.name == AUTO and zone.floor_area is not None and isinstance(zone.network, PresetConfig):
-        network = _typical_for(network, zone.floor_area)
+    area, building = zone.floor_area or _area_of_the_box(zone), zone.building.over(whereabouts.building)
+    fits = False
+    if isinstance(zone.network, PresetConfig):
+        if network.name == AUTO and zone.floor_area is not None:
+            network = _typical_for(network, zone.floor_area)
+        if has_envelope(network):
+            own = [name for name, bounds in zone.network.parameters.items() if bounds.typical is not None]
+            network, fits = informed(network, building, area, own), True
+    for key in () if fits else OF_THE_ENVELOPE:
+        if getattr(zone, key) is not None:
+            sentence = (
+                f'speaks of the envelope of "auto", "tite", "titeth" and "titethria", not of network "{network.name}"; '
+                f"take one of these, or remove {key} and write typical and spread of the parameters"
+            )
+            problems.add((*place, key), sentence)
     kind = ESTIMATORS.get(zone.estimator)
     place_for_terms = kind is not None and kind.terms
     for key, asked in (("habits", zone.habits), ("sun", zone.sun)):
@@ -41,20 +57,28 @@ def heated(network: Network, zone: ZoneTable, whereabouts: Whereabouts, place: P
             return network
     auto = network.name == AUTO and place_for_terms
     habits = auto if zone.habits is None else zone.habits
+    if zone.use is not None and not habits:
+        problems.add((*place, "use"), "says when people heat the zone; add habits = true, or remove use")
     sun = zone.sun if isinstance(zone.sun, str) else None
     if zone.sun is None and auto and sun_channel(network) is not None:
         sun = "hours" if whereabouts.location is None else "facades"
     try:
-        return with_known_heat(network, habits=habits, sun=sun, location=whereabouts.location, floor_area=area)
+        return with_known_heat(
+            network, habits=habits, sun=sun, location=whereabouts.location, floor_area=area, use=building.use
+        )
     except NetworkError as error:
         problems.add((*place, "sun"), str(error).removeprefix(f'sun = "{sun}" '))
         return network
 
 
-def usually_heated(network: Network, location: Location | None) -> Network:
-    """`network` "auto" with the terms of a zone whose table says nothing of sun and habits."""
+def usually_heated(
+    network: Network, location: Location | None, floor_area: float | None = None, building: Building = NOTHING_KNOWN
+) -> Network:
+    """`network` "auto" with the terms of a zone whose table says nothing of sun and habits, in a `building`."""
     sun = None if sun_channel(network) is None else "hours" if location is None else "facades"
-    return with_known_heat(network, habits=True, sun=sun, location=location)
+    scaled = network if floor_area is None else _typical_for(network, floor_area)
+    told = informed(scaled, building, floor_area)
+    return with_known_heat(told, habits=True, sun=sun, location=location, floor_area=floor_area, use=building.use)
 
 
 def _area_of_the_box(zone: ZoneTable) -> float | None:

@@ -24,15 +24,16 @@ class BoundsConfig(BaseModel):
     lower: Positive | None = Field(default=None, description="lower bound, in the parameter's unit")
     upper: Positive | None = Field(default=None, description="upper bound")
     nominal: Positive | None = Field(default=None, description="value where it is fixed, within the bounds")
-    typical: Positive | None = Field(
-        default=None, description="what it usually is; a factor of 2.7 is one standard deviation"
+    typical: Positive | None = Field(default=None, description="what it usually is")
+    spread: Positive | None = Field(
+        default=None, description="standard deviation of its logarithm about `typical`; none: 1, a factor of 2.7"
     )
     value: Positive | None = Field(default=None, description="fixes it; excludes the other keys")
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         lower, upper = self.lower, self.upper
-        if self.value is not None and (lower, upper, self.nominal, self.typical) != (None,) * 4:
+        if self.value is not None and (lower, upper, self.nominal, self.typical, self.spread) != (None,) * 5:
             raise ValueError(
                 "has both a value, which fixes it, and bounds, which let it be learned; give one of the two"
             )
@@ -95,7 +96,11 @@ class GainConfig(BoundsConfig):
             )
         if self.name is not None:
             self.required()
-        elif self.unit is not None or self.complete or self.model_fields_set & {"lower", "upper", "nominal", "typical"}:
+        elif (
+            self.unit is not None
+            or self.complete
+            or self.model_fields_set & {"lower", "upper", "nominal", "typical", "spread"}
+        ):
             raise ValueError("has bounds, a value or a unit but no name; give it a name, such as A_w")
         return self
 

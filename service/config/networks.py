@@ -170,6 +170,7 @@ def _changed(parameter: Parameter, bounds: BoundsConfig) -> Parameter:
     """`parameter` with what `bounds` says; a nominal or typical value that its new bounds exclude is dropped."""
     if bounds.value is not None:
         return replace(parameter, nominal=bounds.value, free=False, typical=None)
+    spread = parameter.spread if bounds.spread is None else bounds.spread
     lower = parameter.lower if bounds.lower is None else bounds.lower
     upper = parameter.upper if bounds.upper is None else bounds.upper
     nominal = parameter.nominal if bounds.nominal is None else bounds.nominal
@@ -178,7 +179,7 @@ def _changed(parameter: Parameter, bounds: BoundsConfig) -> Parameter:
     typical = parameter.typical if bounds.typical is None else bounds.typical
     if typical is not None and not lower <= typical <= upper and bounds.typical is None:
         typical = None
-    return replace(parameter, lower=lower, upper=upper, nominal=nominal, typical=typical)
+    return replace(parameter, lower=lower, upper=upper, nominal=nominal, typical=typical, spread=spread)
 
 
 def _inline(table: InlineConfig, mistakes: Mistakes) -> Network:
@@ -226,7 +227,8 @@ def _parameter(name: str, unit: str, bounds: BoundsConfig) -> Parameter:
         return Parameter(name, unit, bounds.value, bounds.value, bounds.value, free=False)
     if bounds.lower is None or bounds.upper is None:
         raise AssertionError("the model of an inline parameter asks for a value or both bounds")
-    return Parameter(name, unit, bounds.lower, bounds.upper, bounds.nominal, typical=bounds.typical)
+    spread = 1.0 if bounds.spread is None else bounds.spread
+    return Parameter(name, unit, bounds.lower, bounds.upper, bounds.nominal, typical=bounds.typical, spread=spread)
 
 
 def _gain(gain: GainConfig) -> Gain:

@@ -27,6 +27,7 @@ from adapters.fields.values import (
     PositiveDuration,
     Text,
     TimeZone,
+    choice,
     context,
     number_between,
     whole,
@@ -37,6 +38,7 @@ from adapters.weather.config import WeatherConfig
 from adapters.weather.forecast import WeatherSource
 from estimator.heat.sun import Location
 from estimator.heat.terms import SUN_KINDS
+from estimator.network.buildings import CONSTRUCTIONS, NOTHING_KNOWN, USES, Building
 from estimator.network.network import Network
 from service.config.fleet import FleetConfig
 from service.config.http import HttpConfig
@@ -56,12 +58,18 @@ def _sun(value: object) -> str | bool:
     return str(value)
 
 
+Construction = Annotated[str, BeforeValidator(choice(*CONSTRUCTIONS))]
+Built = Annotated[int, BeforeValidator(whole(1000, 2100))]
+Use = Annotated[str, BeforeValidator(choice(*USES))]
+
+
 class Whereabouts(NamedTuple):
-    """What known heat depends on beside the telemetry; None for what is not known."""
+    """What a zone takes from its site beside the telemetry; None for what is not known."""
 
     location: Location | None = None
     time_zone: str | None = None
     country: str | None = None
+    building: Building = NOTHING_KNOWN
 
 
 class SiteConfig(BaseModel):
@@ -91,6 +99,11 @@ class SiteConfig(BaseModel):
     country: Country | None = Field(
         default=None, description='country or part of one, such as `"DE-BW"`, whose public holidays count as weekends'
     )
+    construction: Construction | None = Field(
+        default=None, description="how heavy it is built, where a zone says nothing"
+    )
+    built: Built | None = Field(default=None, description="year of construction or last insulation, likewise")
+    use: Use | None = Field(default=None, description="what its rooms are used for, likewise")
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -104,7 +117,8 @@ class SiteConfig(BaseModel):
         location = None
         if self.latitude is not None and self.longitude is not None:
             location = Location(self.latitude, self.longitude)
-        return Whereabouts(location, self.time_zone, self.country)
+        building = Building(self.construction, self.built, self.use)
+        return Whereabouts(location, self.time_zone, self.country, building)
 
 
 DEFAULT_ESTIMATOR = "bank"
@@ -143,6 +157,9 @@ class ZoneTable(BaseModel):
     floor_area: Annotated[float | None, BeforeValidator(number_between(1, 100_000, "m2"))] = Field(
         default=None, description="floor area, which scales what is thought of it at first"
     )
+    construction: Construction | None = Field(default=None, description="how heavy it is built; none: the site's")
+    built: Built | None = Field(default=None, description="year of construction or last insulation; none: the site's")
+    use: Use | None = Field(default=None, description="what it is used for; none: the site's")
     levels: Levels = Field(default=(0.95,), min_length=1, description="a list of levels, such as [0.5, 0.95]")
     max_gap: Annotated[int, BeforeValidator(whole(0, 1_000_000))] = Field(
         default=12, description="steps without a measured temperature that prediction bridges"
@@ -157,6 +174,11 @@ class ZoneTable(BaseModel):
     setpoint: SerializeAsAny[ChannelConfig] | None = Field(
         default=None, description='a table as that of a channel, such as { source = "bms", ..., unit = "degC" }'
     )
+
+    @property
+    def building(self) -> Building:
+        """What its own table says of the building."""
+        return Building(self.construction, self.built, self.use)
 
     @model_validator(mode="before")
     @classmethod

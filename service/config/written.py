@@ -10,6 +10,7 @@ import tomli_w
 from estimator.heat.terms import CLEAR, DIFFUSE, HABIT_HOURS, SUN_HOURS
 from estimator.network.network import HeatInput, Network, Parameter
 from estimator.registry import written
+from service.config.known_heat import OF_THE_ENVELOPE
 from service.config.site import TABLES, Config
 
 
@@ -27,6 +28,9 @@ def effective_toml(config: Config) -> str:
         for key, value in _known_heat(zone.network).items():
             table.pop(key, None)
             table[key] = value
+        # What they say of the envelope is in the network.
+        for key in OF_THE_ENVELOPE:
+            table.pop(key, None)
         table["estimator_options"] = _plain(written(zone.estimator, zone.options))
     return tomli_w.dumps(tables)
 
@@ -70,6 +74,8 @@ def _bounds(parameter: Parameter) -> dict[str, float]:
         return {} if parameter.nominal is None else {"value": parameter.nominal}
     bounds = {"lower": parameter.lower, "upper": parameter.upper}
     known = {"nominal": parameter.nominal, "typical": parameter.typical}
+    if parameter.typical is not None and parameter.spread != 1.0:
+        known["spread"] = parameter.spread
     return bounds | {name: value for name, value in known.items() if value is not None}
 
 

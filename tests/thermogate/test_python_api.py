@@ -270,11 +270,14 @@ def test_sun_and_habits_are_learned_told_and_saved(tmp_path: Path) -> None:
     table = room(samples=50)
     table["I_sol"] = 300.0
     options: dict[str, Any] = {"estimator": "mkf", "estimator_options": {"preset": "habits"}}
-    model = tg.fit(table, "auto", latitude=47.67, longitude=9.17, country="DE", floor_area=30, **options)
+    model = tg.fit(
+        table, "auto", latitude=47.67, longitude=9.17, country="DE", floor_area=30, built=1965, use="office", **options
+    )
     known = model.known_heat([0.5])
     assert known.loc["sun_south", "unit"] == "m2"
     assert known.loc["habit_06", "node"] == "T_i"
     assert known.loc["sun_envelope", "node"] == "T_e"
+    assert model.network.parameter("g_i_out").spread < 1.0
     assert len(known) == 21
     model.save(tmp_path / "m.npz")
     loaded = tg.load(tmp_path / "m.npz")

@@ -41,7 +41,7 @@ def run_hours(run: FilterRun) -> Arrays:
         if np.isfinite(y):
             kept.crps[row, place] = crps(mixture, 0, y)
 
-    for step in steps(estimator, series, run.seed, known):
+    for step in steps(estimator, series, run.seed, known, begun=run.experience):
         if step.standing is not None:
             keep(step.row, 0, step.standing)
         if places := {lead: place for place, lead in enumerate(run.leads) if step.row in due.get(lead, ())}:

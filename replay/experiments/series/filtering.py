@@ -13,6 +13,7 @@ from estimator.arrays import Array
 from estimator.gaussian.floor import floor
 from estimator.heat.known import KnownHeat
 from estimator.loop import Carried, Loop
+from estimator.neighbours import Experience
 from estimator.network.network import Network
 from estimator.types import Estimator, Mixture, Posterior
 from replay.experiments.jobs import Arrays
@@ -58,6 +59,8 @@ class FilterRun(NamedTuple):
     """What heat that is known up to coefficients depends on, of a network with terms."""
     leads: tuple[int, ...] = ()
     """Steps ahead at which forecasts are kept, where hours ahead are forecast."""
+    experience: Experience | None = None
+    """What it begins with."""
 
 
 class Trace(NamedTuple):
@@ -114,12 +117,18 @@ def built(run: FilterRun) -> tuple[Estimator, KnownHeat | None, object]:
 
 
 def steps(
-    estimator: Estimator, series: Series, seed: int, known: KnownHeat | None = None, *, single: bool = False
+    estimator: Estimator,
+    series: Series,
+    seed: int,
+    known: KnownHeat | None = None,
+    *,
+    single: bool = False,
+    begun: Experience | None = None,
 ) -> Iterator[Step]:
     """Every sample of `series` through the loop of the zone worker, which looks no farther than a `single` step where
-    nothing else is asked. `known` is needed where the network has terms."""
+    nothing else is asked. `known` is needed where the network has terms; the estimator begins with what is `begun`."""
     loop = Loop(estimator, seed, (LEVEL,), known_heat=known, single_steps=single)
-    carried, ahead = loop.begin(), None
+    carried, ahead = loop.begin()._replace(experience=begun), None
     for row, (when, outputs, inputs) in enumerate(zip(series.times, series.outputs, series.inputs, strict=True)):
         step = loop.step(carried, int(when), outputs, inputs, continues=not series.starts[row])
         yield Step(row, ahead if step.scored is not None else None, step.posterior, not step.started, step.carried)

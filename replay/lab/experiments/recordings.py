@@ -19,6 +19,7 @@ from replay.energyplus.buildings import building_named
 from replay.energyplus.heat_loss import heat_loss
 from replay.energyplus.library import EnergyPlusMissing
 from replay.energyplus.plant import STEP
+from replay.energyplus.recording import Recording as Life
 from replay.energyplus.recording import record
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead.recordings import Known, Recording, of_zone
@@ -42,10 +43,10 @@ WEATHER = "semi_synthetic/weather_lyngby_2016_10min.csv"
 FILES = (*rooms.FILES, WEATHER)
 """What is looked for in the folder of --data."""
 
-_FIRST_DAY, _DAYS = date(2025, 1, 6), 28
+FIRST_DAY, _DAYS = date(2025, 1, 6), 28
 """Of the recordings of EnergyPlus: three weeks to learn in, and one more."""
 
-_CHICAGO, _DENVER = Location(41.98, -87.92), Location(39.74, -105.18)
+CHICAGO, DENVER = Location(41.98, -87.92), Location(39.74, -105.18)
 
 _log = logging.getLogger(__name__)
 
@@ -101,10 +102,21 @@ def _ecolar(period: ecolar.Period, folder: Path | None) -> Recording:
 
 
 def _energyplus(name: str, room: str, heating: str, weather: str, location: Location, folder: Path | None) -> Recording:
-    """Room `room` of a building of EnergyPlus, with the network that a zone with its channels gets by default."""
+    """Room `room` of a building of EnergyPlus."""
     building = building_named(name)
     index = [known.name for known in building.rooms].index(room)
-    life = record(building, weather, begin=_FIRST_DAY, days=_DAYS, heating=heating, seed=_DATA_SEED)
+    life = record(building, weather, begin=FIRST_DAY, days=_DAYS, heating=heating, seed=_DATA_SEED)
+    simulated = energyplus_room(life, index, location)
+    loss = heat_loss(building, life.weather, outdoor=float(life.outdoor.mean()), wind=float(life.wind.mean()))
+    ended = np.concatenate([[np.nan], life.truth.gain[:-1, index]])
+    where = f"its room '{room}', heating {heating}, weather {weather}"
+    what = f"{building.what}, simulated by EnergyPlus: {where}; the network auto"
+    return simulated._replace(name=f"EnergyPlus {name}", what=what, known=Known(ended, float(loss.outdoors[index])))
+
+
+def energyplus_room(life: Life, index: int, location: Location) -> Recording:
+    """The room at `index` of a recording, with the network that a zone with its channels gets by default."""
+    building = life.building
     columns = {
         "T_i": life.air[:, index],
         "T_out": life.outdoor,
@@ -115,12 +127,8 @@ def _energyplus(name: str, room: str, heating: str, weather: str, location: Loca
     columns |= {f"T_adj_{building.rooms[other].name}": life.air[:, other] for other in beside}
     network = usually_heated(presets.automatic(columns), location)
     series = bridged(ZoneRecord(life.times, round(STEP), columns), network, rooms.BRIDGED)
-    loss = heat_loss(building, life.weather, outdoor=float(life.outdoor.mean()), wind=float(life.wind.mean()))
-    ended = np.concatenate([[np.nan], life.truth.gain[:-1, index]])
-    where = f"its room '{room}', heating {heating}, weather {weather}"
-    what = f"{building.what}, simulated by EnergyPlus: {where}; the network auto"
-    known = Known(ended, float(loss.outdoors[index]))
-    return Recording(f"EnergyPlus {name}", what, False, network, round(STEP), series, known, Whereabouts(location))
+    name, what = f"EnergyPlus {building.name} {building.rooms[index].name}", building.what
+    return Recording(name, what, False, network, round(STEP), series, whereabouts=Whereabouts(location))
 
 
 RECORDINGS: Mapping[str, Reader] = {
@@ -128,7 +136,7 @@ RECORDINGS: Mapping[str, Reader] = {
     "building 67": _building_67,
     "Ecolar spring": partial(_ecolar, "spring"),
     "Ecolar autumn": partial(_ecolar, "autumn"),
-    "EnergyPlus house": partial(_energyplus, "house", "ground", "on-off", "chicago", _CHICAGO),
-    "EnergyPlus timber": partial(_energyplus, "timber", "house", "planned", "denver", _DENVER),
-    "EnergyPlus office": partial(_energyplus, "office", "west", "proportional", "chicago", _CHICAGO),
+    "EnergyPlus house": partial(_energyplus, "house", "ground", "on-off", "chicago", CHICAGO),
+    "EnergyPlus timber": partial(_energyplus, "timber", "house", "planned", "denver", DENVER),
+    "EnergyPlus office": partial(_energyplus, "office", "west", "proportional", "chicago", CHICAGO),
 }

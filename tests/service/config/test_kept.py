@@ -24,6 +24,7 @@ WAYS = {
     "as it is": [],
     "automatic": [AUTO],
     "the sun by the hour": [AUTO, SUN, "zones.living.floor_area=120"],
+    "a building": ['site.construction="heavy"', AUTO, "zones.living.built=1965", 'zones.living.use="office"'],
     "the sun by facades": [AUTO, SUN, *PLACE, "zones.living.floor_area=120"],
     "a clear sky": [AUTO, *PLACE, 'zones.living.sun="clear-sky"'],
     "a bank": [AUTO, 'zones.living.estimator="bank"', "zones.living.estimator_options={discount = 0.99}"],

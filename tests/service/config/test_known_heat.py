@@ -63,6 +63,29 @@ def test_a_floor_area_scales_what_is_thought_before_the_first_sample(tmp_path: P
     assert loaded(tmp_path, PLACE, network=boxed).zones[0].network.terms == large.terms
 
 
+def test_a_zone_takes_from_the_site_what_it_does_not_say_of_the_building(tmp_path: Path) -> None:
+    site = {"construction": "heavy", "built": 1950, "use": "dwelling"}
+    own, plain = (
+        loaded(tmp_path, known, network="auto", floor_area=30.0, **zone).zones[0]
+        for known, zone in ((site, {"built": 2020, "use": "office"}), ({}, {}))
+    )
+    assert own.network.parameter("C_e").typical == pytest.approx(30.0 * 2.6e5)
+    assert own.network.parameter("g_i_out").typical == pytest.approx(30.0 * 0.77)
+    assert next(term.mean for term in own.network.terms if term.name == "habit_09") == pytest.approx(30.0 * 12.0)
+    # A prior is no other network: state of before goes on.
+    assert fingerprint(own) == fingerprint(plain)
+    # What a site says in general is nothing to a network that it does not fit.
+    shed = {
+        "name": "shed",
+        "measured": ["T_i"],
+        "boundaries": ["T_out"],
+        "capacitances": {"T_i": {"lower": 1e5, "upper": 1e7}},
+        "conductances": [{"name": "g", "between": ["T_i", "T_out"], "lower": 1, "upper": 99}],
+        "heat_inputs": [{"channel": "u_heat", "node": "T_i"}],
+    }
+    assert loaded(tmp_path, site, sunny=False, network=shed).zones[0].network.terms == ()
+
+
 def test_a_zone_with_state_from_before_goes_on_without(tmp_path: Path) -> None:
     before = loaded(tmp_path, PLACE, network="auto", estimator="mkf", habits=False, sun=False)
     learned(before)
