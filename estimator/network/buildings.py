@@ -89,7 +89,7 @@ class Building(NamedTuple):
 
     def over(self, other: Building) -> Building:
         """This, with what `other` knows beyond it."""
-        return Building(*(theirs if own is None else own for own, theirs in zip(self, other, strict=True)))
+        return other._replace(**{name: own for name, own in self._asdict().items() if own is not None})
 
 
 NOTHING_KNOWN = Building()

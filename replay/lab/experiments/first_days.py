@@ -36,7 +36,7 @@ from replay.lab.experiments.rooms import read_room
 from replay.localtime import DAY
 from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
-from replay.reports.kit.table import Table
+from replay.reports.kit.table import Cell, Table
 from replay.reports.kit.verdict import Verdict, at_most
 from service.config.known_heat import usually_heated
 
@@ -180,7 +180,8 @@ def _key(horizon: str, window: str) -> str:
 
 def _report(results: Results, sites: Mapping[str, Sequence[Room]], days: int) -> Report:
     document = Document(__package__, "first_days.md")
-    rows, verdicts = [], []
+    rows: list[tuple[Cell, ...]] = []
+    verdicts: list[Verdict] = []
     for site, rooms in sites.items():
         for label in results.contenders:
             if label == PERSISTENCE or not any(results.runs(room.recording.name, label) for room in rooms):
