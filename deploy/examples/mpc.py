@@ -1,6 +1,10 @@
-"""A controller that heats a zone as cheaply as comfort allows, over Thermogate's REST API.
+"""A controller that heats zones as cheaply as comfort allows, over Thermogate's REST API.
 
     python mpc.py --url http://127.0.0.1:8080 --zone living --heater u_heat --power 2000 --low 20 --high 23
+    python mpc.py --zone living=3000 bedroom=1500 --limit 1200 --cop 2.6@-7 3.4@2 4.2@7
+
+The second line heats two zones of 3,000 and 1,500 W by one heat pump that takes at most 1,200 W: its heat per watt
+depends on how cold it is outdoors.
 
 It asks for the trust in the zone's forecasts and for forecasts under two plans, plans the heating by a linear
 programme, and prints what to do now. Between two plans it holds the planned temperature. Where the forecasts cannot be
@@ -27,6 +31,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import block_diag, toeplitz
 from scipy.optimize import linprog
 
 Array = npt.NDArray[np.float64]
@@ -48,11 +53,13 @@ LOOK = 300.0
 BLIND = 3600.0
 """s before a measurement is lost in which it may have been wrong already, as that of a sensor that is stuck."""
 DAY = 86400.0
+FAILURES = (OSError, ValueError, LookupError, TypeError)
+"""Of Thermogate and of plans, after which a thermostat heats."""
 DISCOMFORT = 100.0
 """What a kelvin outside the comfort band costs for an hour, in the currency of the price."""
 
 
-def _told(meaning: str, default: Any) -> Any:
+def _setting(meaning: str, default: Any) -> Any:
     """A setting with what it is, for --help."""
     return field(default=default, metadata={"meaning": meaning})
 
@@ -65,14 +72,14 @@ class Settings:
     """
 
     zone: str
-    heater: str = _told("the input that is planned", "u_heat")
-    power: float = _told("the heater's largest power, W", 2000.0)
-    low: float = _told("lower end of the comfort band, degC", 20.0)
-    high: float = _told("its upper end, degC", 23.0)
-    step: float = _told("from one plan to the next, s", 900.0)
-    horizon: float = _told("how far a plan reaches at most, s", 86400.0)
-    differential: float = _told("between the thermostat's switching on and off, K", 0.3)
-    sure: float = _told("standard deviations of the forecast that a plan stays inside the comfort band", 1.64)
+    heater: str = _setting("the input that is planned", "u_heat")
+    power: float = _setting("the heater's largest power, W", 2000.0)
+    low: float = _setting("lower end of the comfort band, degC", 20.0)
+    high: float = _setting("its upper end, degC", 23.0)
+    step: float = _setting("from one plan to the next, s", 900.0)
+    horizon: float = _setting("how far a plan reaches at most, s", 86400.0)
+    differential: float = _setting("between the thermostat's switching on and off, K", 0.3)
+    sure: float = _setting("standard deviations of the forecast that a plan stays inside the comfort band", 1.64)
 
 
 class Decision(NamedTuple):
@@ -101,6 +108,49 @@ class Forecast(NamedTuple):
     sd: Array
     every: int
     valid_time: str
+
+
+class Plant(NamedTuple):
+    """What heats all rooms."""
+
+    limit: float = math.inf
+    """W that it may take, for all rooms together."""
+    cop: Sequence[tuple[float, float]] = ((0.0, 1.0),)
+    """Outdoor temperatures [degC], ascending, each with W of heat for each W taken; straight lines lie between them.
+    By default it heats with what it takes."""
+    outdoor: str = "T_out"
+    """The input that is the outdoor temperature."""
+
+    def heat_per_watt(self, outdoor: Array) -> Array:
+        """The coefficient of performance at temperatures `outdoor` [degC]."""
+        return np.asarray(np.interp(outdoor, *zip(*self.cop, strict=True)), dtype=float)
+
+
+DIRECT = Plant()
+"""Heaters that share nothing."""
+
+
+class Room(NamedTuple):
+    """A room that is to be heated now; see `decide`."""
+
+    settings: Settings
+    temperature: float
+    heating: bool
+    low: Callable[[int], Sequence[float]] | None = None
+    before: Array | None = None
+
+    def lowest(self, steps: int) -> Array:
+        """(n,): the lower end of comfort in the steps to come [degC]."""
+        return np.array(self.low(steps) if self.low is not None else [self.settings.low] * steps)
+
+
+class View(NamedTuple):
+    """How a room is planned."""
+
+    steps: int
+    trust: str
+    why: str
+    """No further."""
 
 
 def nothing_known(steps: int) -> Mapping[str, Mapping[str, Sequence[float]]]:
@@ -191,24 +241,43 @@ def stepped(settings: Settings, values: Sequence[float] | Array) -> dict[str, An
     return {"step": f"{settings.step:.0f}s", "values": [float(value) for value in values]}
 
 
-def plan(settings: Settings, free: Array, response: Array, prices: Sequence[float], low: Array, high: Array) -> Array:
-    """The powers (n,) [W] of least cost: a linear programme, solved by HiGHS.
+def plan(
+    moved: Array,
+    free: Array,
+    low: Array,
+    high: Array,
+    prices: Array,
+    most: Array,
+    hours: float,
+    shared: tuple[Array, Array] | None = None,
+) -> Array:
+    """The powers (m,) [W] of least cost: a linear programme, solved by HiGHS. Each of m is one room in one step.
 
-    `free` (n + 1,) [degC] is what happens without heating, `response` (n,) what a W does, `prices` (n,) per kWh; `low`
-    and `high` (n,) [degC] are to be kept after each step. Leaving them costs DISCOMFORT, so there is always a plan.
+    Args:
+        moved: (m, m): what a W in a room and step (column) does to a room after a step (row) [K].
+        free: (m,): what happens without heating [degC].
+        low: (m,): with `high` what is to be kept [degC]. Leaving it costs DISCOMFORT, so there is always a plan.
+        high: (m,).
+        prices: (m,): per kWh of heat.
+        most: (m,): powers of the heaters [W].
+        hours: length of a step.
+        shared: rows (s, m) whose products with the powers stay below limits (s,).
     """
-    steps, hours = len(response), settings.step / HOUR
-    moved = np.array([[response[k - j] if j <= k else 0.0 for j in range(steps)] for k in range(steps)])
-    nothing, slack = np.zeros((steps, steps)), np.eye(steps)
-    cost = np.concatenate([np.asarray(prices) * hours / 1000.0, np.full(2 * steps, DISCOMFORT * hours)])
+    count = len(free)
+    nothing, slack = np.zeros((count, count)), np.eye(count)
+    cost = np.concatenate([prices * hours / 1000.0, np.full(2 * count, DISCOMFORT * hours)])
     # Too cold by at most the first slack, too warm by at most the second.
     sides = np.block([[-moved, -slack, nothing], [moved, nothing, -slack]])
-    margins = np.concatenate([free[1:] - low, high - free[1:]])
-    bounds = [(0.0, settings.power)] * steps + [(0.0, None)] * (2 * steps)
+    margins = np.concatenate([free - low, high - free])
+    if shared is not None:
+        rows, limits = shared
+        sides = np.vstack([sides, np.hstack([rows, np.zeros((len(rows), 2 * count))])])
+        margins = np.concatenate([margins, limits])
+    bounds = [(0.0, power) for power in most] + [(0.0, None)] * (2 * count)
     solved = linprog(cost, A_ub=sides, b_ub=margins, bounds=bounds, method="highs")
     if not solved.success:
         raise ValueError(f"no plan was found: {solved.message}")
-    return np.asarray(solved.x[:steps], dtype=float)
+    return np.asarray(solved.x[:count], dtype=float)
 
 
 def thermostat(settings: Settings, temperature: float, heating: bool, low: float | None = None) -> float:
@@ -291,74 +360,279 @@ def decide(
     for the next look can add heat; below its upper end by that of up to an hour, for heat cannot be taken back. What
     goes wrong later will be seen, and corrected by a later plan.
     """
+    room = Room(settings, temperature, heating, low, before)
+    return decide_together(ask, [room], prices, known)[0]
+
+
+def decide_together(
+    ask: Ask,
+    rooms: Sequence[Room],
+    prices: Callable[[int], Sequence[float]] = lambda steps: [0.3] * steps,
+    known: Known = nothing_known,
+    plant: Plant = DIRECT,
+) -> list[Decision]:
+    """What `decide` says of each of `rooms`, which have one `plant` and steps of the same length.
+
+    Prices are per kWh that the plant takes. Where it cannot heat all, rooms that a thermostat heats come first, the
+    coldest before the others, and the plan of the others keeps to what is left for an hour, then to the limit.
+    """
+    found: dict[int, Decision] = {}
+    views: dict[int, View] = {}
+
+    def fall_back(place: int, error: Exception) -> None:
+        room = rooms[place]
+        soon = float(max(room.lowest(math.ceil(SHORTEST / room.settings.step))))
+        power = thermostat(room.settings, room.temperature, room.heating, soon)
+        found[place] = Decision(power, "thermostat", str(error))
+        views.pop(place, None)
+
+    for place, room in enumerate(rooms):
+        try:
+            views[place] = viewed(ask, room)
+        except FAILURES as error:
+            fall_back(place, error)
+    powers = {place: _begun(rooms[place], view.steps) for place, view in views.items()}
+    fresh = any(room.before is None or not len(room.before) for room in rooms)
     try:
-        horizon, trust, why = reach(ask, settings.zone, settings.horizon)
-        horizon -= horizon % settings.step
-        if horizon < SHORTEST:
-            raise ValueError(f"the forecasts are not trusted for an hour ({why})")
-        steps = round(horizon / settings.step)
-        lowest = np.array(low(steps) if low is not None else [settings.low] * steps)
-        known_plan = before is not None and len(before) > 0
-        powers = np.resize(before, steps) if known_plan else np.full(steps, FIRST_GUESS * settings.power)
-        for _ in range(1 if known_plan else ROUNDS):
-            now, effect = around(ask, settings, powers, known)
-            mean, sd, response = (values[:: now.every] for values in (now.mean, now.sd, effect))
-            free = mean - np.concatenate([[0.0], np.convolve(powers, response[1:])[:steps]])
-            sure = settings.sure * (2.0 if trust == "doubtful" else 1.0)
-            wanted = np.minimum(lowest + sure * sd[0], settings.high)
-            until = np.minimum(np.arange(1, steps + 1), round(SHORTEST / settings.step))
-            kept = np.maximum(settings.high - sure * sd[until], wanted)
-            tried, powers = powers, plan(settings, free, response[1:], prices(steps), wanted, kept)
-        temperatures = free[1:] + np.convolve(powers, response[1:])[:steps]
-        first = slice(0, now.every + 1)
-        path = now.mean[first] + (powers[0] - tried[0]) * effect[first]
-        then = f"; then {why}" if why else ""
-        reason = f"planned {horizon / HOUR:.0f} h ahead from {now.valid_time}, {trust}{then}"
-        power, per_watt, start = float(powers[0]), float(response[1]), seconds(now.valid_time)
-        return Decision(power, "plan", reason, powers, temperatures, start, path, float(wanted[0]), per_watt)
-    except (OSError, ValueError, KeyError) as error:
-        soon = settings.low if low is None else max(low(math.ceil(SHORTEST / settings.step)))
-        return Decision(thermostat(settings, temperature, heating, soon), "thermostat", str(error))
+        heat = heat_ahead(ask, rooms[0].settings, plant, max((view.steps for view in views.values()), default=1), known)
+        for _ in range(ROUNDS if fresh else 1):
+            asked, looks = dict(powers), {}
+            for place in tuple(views):
+                others = {rooms[other].settings.zone: (rooms[other].settings, asked[other]) for other in views}
+                own = rooms[place].settings
+                try:
+                    looks[place] = around(ask, own, asked[place], beside(known, own.zone, others))
+                except FAILURES as error:
+                    fall_back(place, error)
+            taken = _allotted(rooms, found, plant.limit * heat[0]) / heat[0]
+            if views:
+                powers = _planned(rooms, views, looks, asked, prices, plant.limit, taken, heat)
+    except FAILURES as error:
+        for place in tuple(views):
+            fall_back(place, error)
+        # Nobody knows how much heat the plant gives: as much as in the worst case.
+        _allotted(rooms, found, plant.limit * min(each for _, each in plant.cop))
+    for place, view in views.items():
+        found[place] = _told(rooms[place], view, looks[place], asked[place], powers[place])
+    return [found[place] for place in range(len(rooms))]
+
+
+def viewed(ask: Ask, room: Room) -> View:
+    """How far a room can be planned; ValueError where that is not an hour."""
+    step = room.settings.step
+    horizon, trust, why = reach(ask, room.settings.zone, room.settings.horizon)
+    if horizon - horizon % step < SHORTEST:
+        raise ValueError(f"the forecasts are not trusted for an hour ({why})")
+    return View(int(horizon // step), trust, why)
+
+
+def heat_ahead(ask: Ask, settings: Settings, plant: Plant, steps: int, known: Known) -> Array:
+    """(n,): W of heat that `plant` gives for each W in the steps to come: by the outdoor temperature that is `known` of
+    the zone, otherwise by that of the day before."""
+    if len(plant.cop) == 1:
+        return plant.heat_per_watt(np.zeros(steps))
+    told = known(steps).get(settings.zone, {}).get(plant.outdoor)
+    if told is not None:
+        return plant.heat_per_watt(np.asarray(told, dtype=float)[:steps])
+    series = ask("GET", f"/zones/{urllib.parse.quote(settings.zone)}/series?points=96", None)
+    values = {one["channel"]: one["values"] for one in series["inputs"]}.get(plant.outdoor, ())
+    there = [(seconds(at), value) for at, value in zip(series["times"], values, strict=False) if value is not None]
+    if not there:
+        raise ValueError(f"no outdoor temperature ({plant.outdoor}) is known, on which the heat pump depends")
+    times, temperatures = zip(*there, strict=True)
+    ahead = seconds(series["end"]) - DAY + np.mod(np.arange(steps) * settings.step, DAY)
+    return plant.heat_per_watt(np.interp(ahead, times, temperatures))
+
+
+def beside(known: Known, zone: str, others: Mapping[str, tuple[Settings, Array]]) -> Known:
+    """What is `known`, and the planned heat of all `others` but `zone`; beyond its plan a room is heated as on the
+    whole."""
+
+    def told(steps: int) -> Mapping[str, Mapping[str, Sequence[float]]]:
+        found = {name: dict(inputs) for name, inputs in known(steps).items()}
+        for name, (settings, powers) in others.items():
+            if name != zone:
+                rest = np.concatenate([powers, np.full(steps, powers.mean())])[:steps]
+                found.setdefault(name, {})[settings.heater] = rest.tolist()
+        return found
+
+    return told
+
+
+def _begun(room: Room, steps: int) -> Array:
+    """(n,): the powers around which the first plan is made [W]."""
+    if room.before is None or not len(room.before):
+        return np.full(steps, FIRST_GUESS * room.settings.power)
+    return np.resize(room.before, steps)
+
+
+def _allotted(rooms: Sequence[Room], found: dict[int, Decision], heat: float) -> float:
+    """The heat [W] of the rooms with a thermostat; what is more than `heat` is taken from the warmest in `found`."""
+    left = heat
+    for place in sorted(found, key=lambda one: rooms[one].temperature - rooms[one].lowest(1)[0]):
+        power = min(found[place].power, left)
+        found[place], left = found[place]._replace(power=power), left - power
+    return sum(decision.power for decision in found.values())
+
+
+def _planned(
+    rooms: Sequence[Room],
+    views: Mapping[int, View],
+    looks: Mapping[int, tuple[Forecast, Array]],
+    asked: Mapping[int, Array],
+    prices: Callable[[int], Sequence[float]],
+    limit: float,
+    taken: float,
+    heat: Array,
+) -> dict[int, Array]:
+    """The powers of the rooms in `views` around those `asked`; of the `limit`, others have `taken` for an hour [W]."""
+    wishes = {place: _wish(rooms[place], view, *looks[place], asked[place]) for place, view in views.items()}
+    steps = np.concatenate([np.arange(view.steps) for view in views.values()])
+    price = np.concatenate([prices(view.steps) for view in views.values()]) / heat[steps]
+    most = np.concatenate([np.full(view.steps, rooms[place].settings.power) for place, view in views.items()])
+    step = rooms[0].settings.step
+    shared = None
+    if math.isfinite(limit):
+        ahead = np.arange(len(heat))
+        left = np.where(ahead * step < SHORTEST, max(limit - taken, 0.0), limit)
+        shared = (steps == ahead[:, None]) / heat[:, None], left
+    free, low, high = (np.concatenate(parts) for parts in zip(*(wish[1:] for wish in wishes.values()), strict=True))
+    powers = plan(block_diag(*(wish[0] for wish in wishes.values())), free, low, high, price, most, step / HOUR, shared)
+    ends = np.cumsum([view.steps for view in views.values()])
+    return dict(zip(views, np.split(powers, ends[:-1]), strict=True))
+
+
+def _response(now: Forecast, effect: Array, steps: int) -> Array:
+    """(n, n): what a W in each step (column) does after each step (row) [K], of its `effect` over the first one."""
+    return np.asarray(toeplitz(effect[:: now.every][1:], np.zeros(steps)), dtype=float)
+
+
+def _wish(room: Room, view: View, now: Forecast, effect: Array, asked: Array) -> tuple[Array, Array, Array, Array]:
+    """Response, temperatures without heating, and the band that a plan is to keep."""
+    settings, steps = room.settings, view.steps
+    mean, sd = (values[:: now.every] for values in (now.mean, now.sd))
+    moved = _response(now, effect, steps)
+    sure = settings.sure * (2.0 if view.trust == "doubtful" else 1.0)
+    wanted = np.minimum(room.lowest(steps) + sure * sd[0], settings.high)
+    until = np.minimum(np.arange(1, steps + 1), round(SHORTEST / settings.step))
+    return moved, mean[1:] - moved @ asked, wanted, np.maximum(settings.high - sure * sd[until], wanted)
+
+
+def _told(room: Room, view: View, look: tuple[Forecast, Array], asked: Array, powers: Array) -> Decision:
+    """The decision of a plan that was made around `asked`."""
+    (now, effect), step = look, room.settings.step
+    moved, free, wanted, _ = _wish(room, view, now, effect, asked)
+    first = slice(0, now.every + 1)
+    then = f"; then {view.why}" if view.why else ""
+    reason = f"planned {view.steps * step / HOUR:.0f} h ahead from {now.valid_time}, {view.trust}{then}"
+    path = now.mean[first] + (powers[0] - asked[0]) * effect[first]
+    start, low, per_watt = seconds(now.valid_time), float(wanted[0]), float(moved[0, 0])
+    return Decision(float(powers[0]), "plan", reason, powers, free + moved @ powers, start, path, low, per_watt)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print a power every LOOK, and plan every step, for ever or `--times` often."""
+    """Print the powers every LOOK, and plan every step, for ever or `--times` often."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--url", default="http://127.0.0.1:8080", help="where the daemon serves")
     parser.add_argument("--key", help="API key, if the daemon wants one")
     parser.add_argument("--times", type=int, default=0, help="how many looks; 0: for ever")
-    parser.add_argument("--zone", required=True, help="the zone that is heated")
+    parser.add_argument("--zone", required=True, nargs="+", help="zones that are heated, NAME=W for another power")
+    parser.add_argument("--limit", type=float, default=math.inf, help="W that all rooms together may take")
+    parser.add_argument("--cop", type=_performance, nargs="+", default=DIRECT.cop, help="heat per W: COP@degC outdoors")
     for one in fields(Settings)[1:]:
         told = f"{one.metadata['meaning']} (default {one.default})"
         parser.add_argument(f"--{one.name}", type=type(one.default), default=one.default, help=told)
     given = vars(parser.parse_args(arguments))
-    settings = Settings(**{one.name: given[one.name] for one in fields(Settings)})
-    ask = rest(given["url"], given["key"])
-    memory, decision, made, power = Memory(settings), None, -math.inf, 0.0
+    common = {one.name: given[one.name] for one in fields(Settings)[1:]}
+    named = (zone.partition("=") for zone in given["zone"])
+    rooms = [
+        Controlled(Settings(zone, **(common | ({"power": float(power)} if power else {})))) for zone, _, power in named
+    ]
+    ask, plant = rest(given["url"], given["key"]), Plant(given["limit"], sorted(given["cop"]))
     for count in itertools.count(1):
-        now = time.monotonic()
-        try:
-            at, temperature = measured(ask, settings.zone)
-            if temperature is None:
-                decision = memory.blind(now)
-                power = decision.power
-            elif decision is not None and decision.by == "plan" and now - made < settings.step - LOOK / 2.0:
-                power = held(settings, decision, at, temperature)
-            else:
-                decision, made = decide(ask, settings, temperature, power > 0.0, before=memory.left(now)), now
-                power = decision.power
-                if decision.by == "plan":
-                    memory.planned(now, decision.plan)
-        except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
-            print(f"no decision ({error}); the plant's own thermostat has to heat", file=sys.stderr)
-        else:
-            memory.heated(now, power, temperature is not None)
-            seen = "an unknown temperature" if temperature is None else f"{temperature:.1f} degC"
-            print(f"{power:.0f} W by {decision.by} at {seen}: {decision.reason}", flush=True)
+        look(ask, rooms, plant, time.monotonic())
         if count == given["times"]:
             break
-        time.sleep(min(LOOK, settings.step))
+        time.sleep(min(LOOK, common["step"]))
     return 0
+
+
+def _performance(word: str) -> tuple[float, float]:
+    """Outdoor temperature and COP of `COP@degC`."""
+    cop, _, outdoor = word.partition("@")
+    if not float(cop) > 0.0:
+        raise ValueError
+    return float(outdoor), float(cop)
+
+
+class Controlled:
+    """A room and what was decided for it."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings, self.memory = settings, Memory(settings)
+        self.decision: Decision | None = None
+        self.made, self.power = -math.inf, 0.0
+        """When the decision was made, by the caller's clock [s], and what is heated now [W]."""
+
+    def holds(self, now: float) -> bool:
+        """Whether its plan is still to be held."""
+        planned = self.decision is not None and self.decision.by == "plan"
+        return planned and now - self.made < self.settings.step - LOOK / 2.0
+
+
+def look(ask: Ask, rooms: Sequence[Controlled], plant: Plant, now: float) -> None:
+    """Measure all rooms, decide where that is due, and print what to do."""
+    seen: dict[int, tuple[float, float]] = {}
+    decided = []
+    for place, room in enumerate(rooms):
+        try:
+            at, temperature = measured(ask, room.settings.zone)
+            if temperature is not None:
+                seen[place] = at, temperature
+            else:
+                room.decision, room.made = room.memory.blind(now), -math.inf
+                room.power = room.decision.power
+            decided.append(room)
+        except FAILURES as error:
+            sentence = f"no decision ({error}); the plant's own thermostat has to heat"
+            print(f"{room.settings.zone}: {sentence}", file=sys.stderr)
+    if all(rooms[place].holds(now) for place in seen):
+        for place, (at, temperature) in seen.items():
+            room = rooms[place]
+            assert room.decision is not None
+            room.power = held(room.settings, room.decision, at, temperature)
+    else:
+        # What one room takes is missing in another, so that all are planned anew.
+        asked = [
+            Room(rooms[place].settings, temperature, rooms[place].power > 0.0, before=rooms[place].memory.left(now))
+            for place, (_, temperature) in seen.items()
+        ]
+        for place, decision in zip(seen, decide_together(ask, asked, plant=plant), strict=True):
+            room = rooms[place]
+            room.decision, room.made, room.power = decision, now, decision.power
+            if decision.by == "plan":
+                room.memory.planned(now, decision.plan)
+    share = _share(ask, [room.settings for room in decided], sum(room.power for room in decided), plant)
+    for room in decided:
+        place = rooms.index(room)
+        assert room.decision is not None
+        room.power *= share
+        room.memory.heated(now, room.power, place in seen)
+        known = f"{seen[place][1]:.1f} degC" if place in seen else "an unknown temperature"
+        told = f"{room.power:.0f} W by {room.decision.by} at {known}: {room.decision.reason}"
+        print(f"{room.settings.zone}: {told}", flush=True)
+
+
+def _share(ask: Ask, rooms: Sequence[Settings], heat: float, plant: Plant) -> float:
+    """Of the `heat` [W] of all `rooms` together, what the plant can give now: the rooms hold plans that did not know
+    each other's corrections."""
+    if not rooms or not math.isfinite(plant.limit) or heat <= 0.0:
+        return 1.0
+    try:
+        most = plant.limit * float(heat_ahead(ask, rooms[0], plant, 1, nothing_known)[0])
+    except FAILURES:
+        most = plant.limit * min(each for _, each in plant.cop)
+    return min(1.0, most / heat)
 
 
 def measured(ask: Ask, zone: str) -> tuple[float, float | None]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import socket
 import threading
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
@@ -187,13 +188,128 @@ def test_what_thermogate_refuses_falls_back_with_the_sentence(mpc: ModuleType, a
     assert (decision.by, "learning" in decision.reason) == ("thermostat", True)
 
 
-def test_it_runs_against_a_daemon(mpc: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    overrides = {"site.state_dir": str(tmp_path / "state"), "zones.0.estimator": "ekf"}
-    with Daemon(EXAMPLES / "generic-csv.toml", tmp_path / "log", overrides) as daemon:
-        zones = daemon.wait_until_ended()
-        (zone,) = zones
-        arguments = ["--url", daemon.url(), "--zone", zone, "--step", "600", "--times", "1"]
-        assert mpc.main(arguments) == 0
+def twins(asking: Any, **trusts: str) -> Any:
+    """An `Ask` of the room "office", and of a "twin" that is just like it, for which other `trusts` may be told."""
+    own = {name: asking(ALL | {int(lead.lstrip("s")): word for lead, word in told.items()}) for name, told in
+           (("office", {}), ("twin", trusts))}  # fmt: skip
+
+    def ask(method: str, path: str, body: Any = None) -> Any:
+        zone = "twin" if "twin" in path or (body and body["zones"] == ["twin"]) else "office"
+        if body:
+            plans = [{"inputs": {"office": one["inputs"][zone]}} for one in body["plans"]]
+            body = body | {"zones": ["office"], "plans": plans}
+        return own[zone](method, path.replace("twin", "office"), body)
+
+    return ask
+
+
+def pair(mpc: ModuleType, temperature: float = 19.0, **changes: Any) -> list[Any]:
+    rooms = [settings(mpc, **changes), replace(settings(mpc, **changes), zone="twin")]
+    return [mpc.Room(each, temperature, False) for each in rooms]
+
+
+TIMES = ("2026-01-15T12:00:00Z", "2026-01-16T00:00:00Z")
+SERIES = {"times": TIMES, "end": "2026-01-16T12:00:00Z", "inputs": [{"channel": "T_out", "values": [-7.0, 7.0]}]}
+"""What a daemon tells of the last day, as far as the controller reads it."""
+
+
+def cold(steps: int) -> Any:
+    return {name: {"T_out": [-10.0 if k < 48 else 5.0 for k in range(steps)]} for name in ("office", "twin")}
+
+
+def test_rooms_that_share_nothing_are_planned_as_each_alone(mpc: ModuleType, asking: Any) -> None:
+    alone = mpc.decide(asking(ALL), settings(mpc), 19.0, False)
+    for decision in mpc.decide_together(twins(asking), pair(mpc)):
+        assert np.allclose(decision.plan, alone.plan, atol=1.0)
+        assert decision.reason == alone.reason
+
+
+def test_rooms_under_one_limit_heat_in_turns_and_begin_earlier(mpc: ModuleType, asking: Any) -> None:
+    def low(steps: int) -> list[float]:
+        return [18.0 if k < 24 else 21.0 for k in range(steps)]
+
+    rooms = [room._replace(low=low) for room in pair(mpc)]
+    free = mpc.decide_together(twins(asking), rooms, known=cold)
+    together = np.sum([decision.plan for decision in free], axis=0)
+    limit = 0.7 * float(together.max())
+    kept = mpc.decide_together(twins(asking), rooms, known=cold, plant=mpc.Plant(limit))
+    limited = np.sum([decision.plan for decision in kept], axis=0)
+    assert {decision.by for decision in kept} == {"plan"}
+    assert limited.max() <= limit + 1e-3
+    assert limited[:23].sum() > together[:23].sum() + 100.0, "what is missing later is heated before"
+
+
+def test_a_heat_pump_gives_more_heat_when_it_is_warm_outdoors(mpc: ModuleType, asking: Any) -> None:
+    pump = mpc.Plant(limit=700.0, cop=((-10.0, 2.0), (5.0, 4.0)))
+    plans = [one.plan for one in mpc.decide_together(twins(asking), pair(mpc), known=cold, plant=pump)]
+    heat = np.sum(plans, axis=0)
+    assert heat[:48].max() <= 1400.0 + 1e-3
+    assert 1400.0 < heat[48:].max() <= 2800.0 + 1e-3
+    # Where heat costs half as much in the second half of the day, less is stored before it.
+    steady = [one.plan for one in mpc.decide_together(twins(asking), pair(mpc), known=cold, plant=mpc.Plant(1400.0))]
+    assert heat[:48].sum() <= np.sum(steady, axis=0)[:48].sum() + 1.0
+
+
+def test_the_outdoor_temperature_to_come_is_that_of_the_day_before_if_nobody_knows_it(
+    mpc: ModuleType, daemon_ended: Any
+) -> None:
+    daemon, zone = daemon_ended
+    pump, ask = mpc.Plant(cop=((-10.0, 2.0), (30.0, 4.0))), mpc.rest(daemon.url())
+    told = mpc.Settings(zone)
+    found = mpc.heat_ahead(ask, told, pump, 192, mpc.nothing_known)
+    (outdoor,) = (one for one in ask("GET", f"/zones/{zone}/series", None)["inputs"] if one["channel"] == "T_out")
+    values = pump.heat_per_watt(np.array(outdoor["values"], dtype=float))
+    assert values.min() - 1e-6 <= found.min() < found.max() <= values.max() + 1e-6
+    assert np.allclose(found[:96], found[96:])
+    with pytest.raises(ValueError, match=r"no outdoor temperature \(T_sea\) is known"):
+        mpc.heat_ahead(ask, told, pump._replace(outdoor="T_sea"), 96, mpc.nothing_known)
+
+
+def test_a_room_with_a_thermostat_comes_first_and_the_coldest_before_others(mpc: ModuleType, asking: Any) -> None:
+    plant = mpc.Plant(5000.0)
+    planned, other = mpc.decide_together(twins(asking, s3600="untrusted"), pair(mpc, 17.0), known=cold, plant=plant)
+    assert (planned.by, other.by, other.power) == ("plan", "thermostat", 4000.0)
+    assert planned.plan[:4].max() <= 1000.0 + 1e-3
+
+    def nobody(*_: Any) -> Any:
+        raise OSError("connection refused")
+
+    warmer, colder = (room._replace(temperature=t) for room, t in zip(pair(mpc), (19.0, 18.0), strict=True))
+    assert [one.power for one in mpc.decide_together(nobody, [warmer, colder], plant=plant)] == [1000.0, 4000.0]
+
+
+def test_a_look_at_several_rooms_never_asks_for_more_than_the_limit(
+    mpc: ModuleType, asking: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def ask(method: str, path: str, body: Any = None) -> Any:
+        answers = {"history": {"rows": [{"time": TIMES[0], "y": 20.5}]}, "series": SERIES}
+        told = next((answer for name, answer in answers.items() if f"/{name}?" in path), None)
+        return told or twins(asking)(method, path, body)
+
+    plant = mpc.Plant(limit=600.0, cop=((-7.0, 2.5), (7.0, 3.5)))
+    rooms = [mpc.Controlled(room.settings) for room in pair(mpc, low=22.0, high=25.0)]
+    for now in (0.0, 300.0):
+        mpc.look(ask, rooms, plant, now)
+        assert 0.0 < sum(room.power for room in rooms) <= 600.0 * 3.5
+    told = capsys.readouterr().out.splitlines()
+    assert [line.partition(":")[0] for line in told] == ["office", "twin"] * 2
+    assert all(" W by plan at " in line for line in told)
+
+
+@pytest.fixture(scope="module")
+def daemon_ended(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Daemon, str]]:
+    """A daemon whose recording has come to its end, and its zone."""
+    folder = tmp_path_factory.mktemp("ended")
+    overrides = {"site.state_dir": str(folder / "state"), "zones.0.estimator": "ekf"}
+    with Daemon(EXAMPLES / "generic-csv.toml", folder / "log", overrides) as daemon:
+        (zone,) = daemon.wait_until_ended()
+        yield daemon, zone
+
+
+def test_it_runs_against_a_daemon(mpc: ModuleType, daemon_ended: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    daemon, zone = daemon_ended
+    arguments = ["--url", daemon.url(), "--zone", f"{zone}=1500", "--step", "600", "--times", "1"]
+    assert mpc.main([*arguments, "--limit", "500", "--cop", "3.4@2", "2.6@-7"]) == 0
     # The recording has come to its end, so nobody knows any more how warm it is.
     told = capsys.readouterr()
     assert told.out == ""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import toeplitz
-from scipy.optimize import linprog
 
 from estimator.arrays import Array
 from replay.lab.experiments.control.cases import WARMEST, Scene, price
@@ -121,19 +120,15 @@ class Foreseeing(Controller):
 
 
 def planned(moved: Array, free: Array, low: Array, prices: Array, rated: list[float]) -> Array:
-    """(N, n): the powers [W] of least cost for N rooms together; for one room that of `mpc.plan`.
+    """(N, n): the powers [W] of least cost for N rooms together, by `mpc.plan`.
 
     `moved` (N n, N n) is what a W in each room and step (column) does to each room after each step (row) [K]; `free`
     and `low` (N n,) [degC], room after room.
     """
-    count, steps, hours = len(free), len(prices), DECISION / HOUR
-    cost = np.concatenate([np.tile(prices * hours / 1000.0, len(rated)), np.full(2 * count, mpc().DISCOMFORT * hours)])
-    nothing, slack = np.zeros((count, count)), np.eye(count)
-    sides = np.block([[-moved, -slack, nothing], [moved, nothing, -slack]])
-    margins = np.concatenate([free - low, WARMEST - free])
-    bounds = [(0.0, power) for power in rated for _ in range(steps)] + [(0.0, None)] * (2 * count)
-    solved = linprog(cost, A_ub=sides, b_ub=margins, bounds=bounds, method="highs")
-    return np.asarray(solved.x[:count], dtype=np.float64).reshape(len(rated), steps)
+    steps, high = len(prices), np.full(len(free), WARMEST)
+    most, costs = np.repeat(rated, steps), np.tile(prices, len(rated))
+    powers = mpc().plan(moved, free, low, high, costs, most, DECISION / HOUR)
+    return np.asarray(powers, dtype=np.float64).reshape(len(rated), steps)
 
 
 def foreseen(scene: Scene, margin: float) -> Lived:

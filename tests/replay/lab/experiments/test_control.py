@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import toeplitz
 from support.energyplus import needs_energyplus
 from support.tables import rows_of
 
 from replay.energyplus.recording import record
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.study import Results
-from replay.lab.experiments.control import customer
 from replay.lab.experiments.control.cases import (
     PARTIES,
     STEPS_A_DAY,
@@ -140,19 +140,18 @@ def test_the_report_shows_every_controller(runs: Mapping[str, Arrays], tmp_path:
     assert targets["timber, parties: discomfort over that of the thermostat"] == ("met" if ratio <= 1.0 else "missed")
 
 
-def test_the_joint_plan_of_one_room_is_that_of_the_example() -> None:
-    mpc, steps = customer.mpc(), 24
-    response = 1e-3 * 0.95 ** np.arange(steps)
-    free = 21.0 - 0.2 * np.arange(steps + 1)
-    prices = np.where(np.arange(steps) % 8 < 3, 0.2, 0.4) + 1e-4 * np.arange(steps)
-    low = np.full(steps, 20.0)
-    settings = mpc.Settings("room", power=1500.0, high=24.0, step=1800.0)
-    alone = mpc.plan(settings, free, response, prices, low, np.full(steps, 24.0))
-    moved = np.array([[response[k - j] if j <= k else 0.0 for j in range(steps)] for k in range(steps)])
-    together = planned(moved, free[1:], low, prices, [1500.0])
-    assert together.shape == (1, steps)
-    assert prices @ together[0] == pytest.approx(prices @ alone, rel=1e-9)
-    assert (free[1:] + moved @ together[0] >= 20.0 - 1e-6).all()
+def test_a_joint_plan_heats_a_room_by_its_neighbour_where_that_is_all_the_heat_there_is() -> None:
+    steps = 12
+    response = toeplitz(1e-3 * 0.95 ** np.arange(steps), np.zeros(steps))
+    moved = np.block([[response, 0.0 * response], [0.5 * response, response]])
+    free, low, prices = np.full(2 * steps, 19.0), np.full(2 * steps, 20.0), np.full(steps, 0.3)
+    both = planned(moved, free, low, prices, [1500.0, 1500.0])
+    alone = planned(moved, free, low, prices, [9000.0, 0.0])
+    assert both.shape == (2, steps)
+    for powers in (both, alone):
+        assert (free + moved @ powers.ravel() >= 20.0 - 1e-6).all()
+    assert not alone[1].any()
+    assert both.sum() < alone.sum()
 
 
 def test_cost_at_equal_discomfort_lies_between_settings_that_nobody_beats() -> None:
