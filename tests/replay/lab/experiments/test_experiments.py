@@ -67,15 +67,6 @@ def test_an_experiment_that_is_finished_only_writes_its_report_again(semi_synthe
     assert {path: path.stat().st_mtime_ns for path in (semi_synthetic / "runs").iterdir()} == files
 
 
-def test_a_day_without_unmeasured_heat_has_its_report(tmp_path: Path) -> None:
-    out = run("semi-synthetic", tmp_path, "--days", "1", "--seeds", "4,")
-    targets = rows_of(out / "verdicts.csv")
-    met, missed = (sum(row["verdict"] == word for row in targets) for word in ("met", "missed"))
-    assert met + missed < len(targets)
-    said = f"{met} of {len(targets)} are met, {missed} missed, {len(targets) - met - missed} open"
-    assert said in (out / "report.html").read_text(encoding="utf-8")
-
-
 def test_ecolar_compares_nights(tmp_path: Path) -> None:
     recording = ROOT / "deploy/examples/data/ecolar-standin.csv.gz"
     out = run("ecolar", tmp_path, "--data", str(recording), "--seeds", "1,")
@@ -101,27 +92,43 @@ def test_sensitivity_changes_one_thing_at_a_time(tmp_path: Path) -> None:
         assert {"50 particles", "250 particles", "volatility_sd .05", "gate 0.15 to 0.5"} <= set(table)
 
 
-def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Path) -> None:
+DAY = ["--days", "1", "--particles", "60", "--seeds", "4,", "--jobs", "2"]
+
+
+@pytest.fixture(scope="module")
+def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of an experiment on a day without unmeasured heat."""
+    return tmp_path_factory.mktemp("day")
+
+
+def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(day: Path) -> None:
     # A script's background has Ctrl-C ignored, which its processes inherit.
     heeding = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
     command = [sys.executable, "-c", f"{heeding}; from service.cli.main import main; sys.exit(main())"]
-    options = ["experiment", "semi-synthetic", "--days", "2", "--particles", "300", "--seeds", "1", "--jobs", "2"]
-    with subprocess.Popen(
-        [*command, *options, "--out", str(tmp_path)], stderr=subprocess.PIPE, text=True, cwd=ROOT
-    ) as process:
+    options = ["experiment", "semi-synthetic", *DAY, "--out", str(day)]
+    with subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
         deadline = time.monotonic() + 120
-        while len(list(tmp_path.glob("runs/*.npz"))) < 1 and time.monotonic() < deadline:
+        while len(list(day.glob("runs/*.npz"))) < 1 and time.monotonic() < deadline:
             time.sleep(0.02)
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=180)
-    kept = {path.name for path in (tmp_path / "runs").iterdir()}
+    kept = {path.name for path in (day / "runs").iterdir()}
     assert process.returncode == 130
     assert said.endswith("the same command goes on from there\n")
     assert "Traceback" not in said
     assert 1 <= len(kept) < 14
     assert all(name.endswith(".npz") for name in kept)
-    assert main([*options, "--out", str(tmp_path)]) == 0
-    assert kept < {path.name for path in (tmp_path / "runs").iterdir()}
+    assert main(options) == 0
+    assert kept < {path.name for path in (day / "runs").iterdir()}
+
+
+def test_a_day_without_unmeasured_heat_has_its_report(day: Path) -> None:
+    out = run("semi-synthetic", day, short=DAY)
+    targets = rows_of(out / "verdicts.csv")
+    met, missed = (sum(row["verdict"] == word for row in targets) for word in ("met", "missed"))
+    assert met + missed < len(targets)
+    said = f"{met} of {len(targets)} are met, {missed} missed, {len(targets) - met - missed} open"
+    assert said in (out / "report.html").read_text(encoding="utf-8")
 
 
 MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text(encoding="utf-8"))["mistakes"]
