@@ -54,6 +54,9 @@ FINDINGS = (
 )
 """Every name that a finding can have, in the order in which findings are listed. Names are stable."""
 
+FOR_EXPERTS = (AT_BOUND, NOT_IDENTIFIED, MEMBERS_DISAGREE, OTHER_VARIANT, NARROWER_BOUNDS)
+"""Findings for those who read parameters: nobody else has anything to do about them."""
+
 
 def _told(text: str, example: str | None = None) -> Any:
     """A field of which `text` says what it means wherever a finding is published."""

@@ -14,6 +14,7 @@ from string import Template
 from typing import Any
 
 from adapters.fields.durations import format_duration
+from estimator.diagnosis.finding import FOR_EXPERTS
 from service.publish.sinks import Announcement
 
 SKILL_DAYS = 7
@@ -75,7 +76,7 @@ def discovery(
 def _known(announcement: Announcement) -> Iterator[tuple[str, _Filled]]:
     """The kinds of entities that the zone has, each with what is filled in."""
     update, reports = announcement.update, announcement.reports
-    yield "status", {}
+    yield "status", {"for_experts": FOR_EXPERTS}
     if update is not None:
         outputs = update.forecast.outputs
         for index, output in enumerate(outputs):

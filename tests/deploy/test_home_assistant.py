@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import csv
 import json
+import lzma
 import subprocess
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tomli_w
 import yaml
 from support import sites
 from support.harness import ROOT, THERMOGATE, Daemon
 from support.home_assistant import HOME, clean
+from support.open_windows import RECORD, WEEK
 from support.thermostat_house import recorded
 
 from replay.recorded.learning import learn
@@ -70,12 +73,45 @@ def test_the_integration_in_home_assistant(tmp_path: Path) -> None:
         given = clean() | {"THERMOGATE_SITE": json.dumps(site | keys), "PYTHONPATH": str(component.parents[1])}
         checks = ROOT / "tests" / "deploy" / "home_assistant"
         command = [HOME / "bin" / "python", "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", checks / "pytest.ini"]
-        ran = subprocess.run([*command, checks], capture_output=True, text=True, env=given, timeout=300, check=False)
+        ran = subprocess.run(
+            [*command, checks / "checks.py"], capture_output=True, text=True, env=given, timeout=300, check=False
+        )
     assert ran.returncode == 0, f"{ran.stdout}\n{ran.stderr}\n{daemon.log()}"
     # What the flow shows is a whole configuration, and the history of its zone.
     assert load(tmp_path / "whole.toml").zones[0].id == "attic"
     with pytest.raises(ConfigError, match=r"home-assistant_v2\.db' is not there"):
         load_history(tmp_path / "whole.toml", tmp_path / "history.toml")
+
+
+def test_the_window_rule_finds_openings_and_does_not_cry_wolf(tmp_path: Path) -> None:
+    """The automation of docs/home-assistant.md over a week without and a week with open windows of five rooms."""
+    if not (HOME / "bin" / "pytest").exists():
+        pytest.skip("Home Assistant is not installed; make home-assistant installs it")
+    page = (ROOT / "docs" / "home-assistant.md").read_text(encoding="utf-8")
+    rule = yaml.safe_load(page.partition("<!-- automation: window -->\n```yaml\n")[2].partition("```")[0])
+    asked = {"rule": rule, "record": str(RECORD), "alarms": str(tmp_path / "alarms.json")}
+    checks = ROOT / "tests" / "deploy" / "home_assistant"
+    command = [HOME / "bin" / "python", "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", checks / "pytest.ini"]
+    given = clean() | {"THERMOGATE_RULE": json.dumps(asked)}
+    ran = subprocess.run([*command, checks / "weeks.py"], capture_output=True, text=True, env=given, check=False)
+    assert ran.returncode == 0, f"{ran.stdout}\n{ran.stderr}"
+    alarms = json.loads((tmp_path / "alarms.json").read_text())
+    with lzma.open(RECORD, "rt", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    opened, found, false = 0, 0, {"without": 0, "with": 0}
+    for zone in dict.fromkeys(row["zone"] for row in rows):
+        mine = np.array([(int(row["time"]), int(row["opening"])) for row in rows if row["zone"] == zone])
+        times, open_ones = mine[:, 0], mine[mine[:, 1] > 0, 0]
+        period = times[1] - times[0]
+        runs = np.split(open_ones, np.flatnonzero(np.diff(open_ones) > period) + 1)
+        windows = [(run[0], run[-1] + period) for run in runs]
+        opened += len(windows)
+        found += sum(any(begin <= alarm <= end for alarm in alarms[zone]) for begin, end in windows)
+        for alarm in alarms[zone]:
+            if not any(begin <= alarm <= end for begin, end in windows):
+                false["without" if alarm < times[0] + WEEK else "with"] += 1
+    assert f"noticed {found} of {opened} openings" in page
+    assert false == {"without": 0, "with": 1}
 
 
 RULES = {

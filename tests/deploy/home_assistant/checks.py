@@ -222,7 +222,7 @@ async def test_a_room_with_forecasts(hass: HomeAssistant) -> None:
     assert hass.states.get(f"{name}_advice").attributes["to_do"] == room["to_do"]
     registry = entity_registry.async_get(hass)
     ours = entity_registry.async_entries_for_config_entry(registry, entry.entry_id)
-    assert len(ours) == 10
+    assert len(ours) == 11
     assert len({one.device_id for one in ours}) == 1
     device = device_registry.async_get(hass).async_get(ours[0].device_id)
     assert (device.name, device.configuration_url) == ("Thermogate living", f"{SITE['url']}/#/zone/living")

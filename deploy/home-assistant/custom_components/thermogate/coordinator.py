@@ -28,6 +28,10 @@ INTERVAL = timedelta(minutes=1)
 KEPT = 3
 """The newest posts, which are sent again after an outage: the zones take readings that are two minutes late."""
 ADVICE_EVERY = timedelta(hours=1)
+FOR_EXPERTS = {
+    *("parameter-at-bound", "parameter-not-identified", "members-disagree", "network-variant", "narrower-bounds"),
+}
+"""Findings for those who read parameters: nothing in the house need be repaired for them."""
 RECONNECT = 10.0
 """s until a stream that ended is opened again."""
 
@@ -116,10 +120,12 @@ class Coordinator(DataUpdateCoordinator[dict[str, Topics]]):
 
     @callback
     def report(self) -> None:
-        """Raise an issue for every finding and for what cannot be measured, and withdraw those that are over."""
+        """Raise an issue for what can be mended and for what cannot be measured, and withdraw those that are over."""
         found: dict[str, tuple[str, dict[str, str]]] = {}
         for zone, topics in self.data.items():
             for finding in topics.get("status", {}).get("findings", ()):
+                if finding["finding"] in FOR_EXPERTS:
+                    continue
                 name = f"{self.site}/{zone} {finding['finding']} {finding['subject']}"
                 found[name] = ("finding", {"room": zone, "sentence": finding["sentence"]})
             if self.hass.is_running:

@@ -1,4 +1,4 @@
-"""The sensors of a room: the hours ahead, whether to trust them, and when to start heating."""
+"""The sensors of a room: the hours ahead, trust in them, when to start heating, and heat that nobody measures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from homeassistant.components.sensor import (
     SensorStateClass,
 )
 from homeassistant.config_entries import ConfigEntry
-from homeassistant.const import EntityCategory, UnitOfTemperature
+from homeassistant.const import EntityCategory, UnitOfPower, UnitOfTemperature
 from homeassistant.core import HomeAssistant
 from homeassistant.helpers.device_registry import DeviceEntryType, DeviceInfo
 from homeassistant.helpers.entity_platform import AddEntitiesCallback
@@ -127,6 +127,17 @@ SENSORS = (
         device_class=SensorDeviceClass.TIMESTAMP,
         value=_start,
         attributes=_heating,
+        vouched=True,
+    ),
+    Described(
+        key="unmeasured_heat",
+        translation_key="unmeasured_heat",
+        device_class=SensorDeviceClass.POWER,
+        native_unit_of_measurement=UnitOfPower.WATT,
+        state_class=SensorStateClass.MEASUREMENT,
+        suggested_display_precision=0,
+        value=lambda topics: topics.get("gain", {}).get("median"),
+        attributes=lambda topics, _: {name: topics["gain"][name] for name in ("lower", "upper") if "gain" in topics},
         vouched=True,
     ),
     Described(
