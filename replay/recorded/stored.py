@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from adapters.fields.times import written_time
 from replay.errors import ReplayError
 from replay.localtime import DAY
 from replay.recorded.trace import Trace, Tracer
@@ -98,7 +97,7 @@ def _trace(state: StoredState, zone: ZoneConfig, start: int, tick: Callable[[int
         return trace
     published = {row.time: row for row in state.journal.history(zone.id, trace.rows[0].time, None, _MOST_ROWS)}
     rows = [_kept(published.get(row.time, row), row) for row in trace.rows]
-    trace = trace._replace(rows=rows, notes=(_note(zone, trace.rows, published),))
+    trace = trace._replace(rows=rows, notes=(_note(trace, published),))
     if checkpoint is None or checkpoint.is_beginning:
         return trace
     daemon = make_worker(zone)
@@ -114,16 +113,16 @@ def _kept(published: HistoryRow, learned: HistoryRow) -> HistoryRow:
     return replace(published, **gain)
 
 
-def _note(zone: ZoneConfig, rows: Sequence[HistoryRow], published: dict[int, HistoryRow]) -> str:
+def _note(trace: Trace, published: dict[int, HistoryRow]) -> str:
     """How the samples, taken through a worker once more, compare with what the daemon published."""
-    both = [(row.mean, published[row.time].mean) for row in rows if row.time in published]
+    both = [(row.mean, published[row.time].mean) for row in trace.rows if row.time in published]
     ours, theirs = np.array(both).reshape(-1, 2).T
     same = int(((ours == theirs) | (np.isnan(ours) & np.isnan(theirs))).sum())
     if same == len(both) > 0:
-        return f"`{zone.id}`: every forecast that the daemon has published follows from its samples, bit for bit."
-    first = written_time(rows[0].time)
+        return f"`{trace.zone}`: every forecast that the daemon has published follows from its samples, bit for bit."
+    since = f"{trace.moment(trace.rows[0].time)} ({trace.clock})"
     return (
-        f"`{zone.id}`: bands, residuals and gain are those that the daemon published, skill and findings those of its "
-        f"newest checkpoint. Parameters and forecasts of whole days were learned anew from the samples since "
-        f"{first}, and are not those that the daemon had then ({same} of {len(both)} forecasts are the same)."
+        f"`{trace.zone}`: bands, residuals and gain are those that the daemon published, skill and findings those of "
+        f"its newest checkpoint. Parameters and forecasts of whole days were learned anew from the samples since "
+        f"{since}, and are not those that the daemon had then ({same} of {len(both)} forecasts are the same)."
     )

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from adapters.fields.times import utc
 from estimator import registry
 from estimator.arrays import Array
 from estimator.diagnosis.finding import Diagnosis
@@ -84,6 +85,11 @@ class Trace(NamedTuple):
     def local(self, times: Seconds) -> Seconds:
         """UTC s `times` as seconds of the site's wall clock."""
         return times if self.time_zone is None else wall_clock(times, self.time_zone)
+
+    def moment(self, time: int) -> str:
+        """UTC s `time` as the clocks of the site show it."""
+        local = int(self.local(np.array([time], dtype=np.int64))[0])
+        return f"{utc(local):%Y-%m-%d %H:%M}"
 
     @property
     def clock(self) -> str:

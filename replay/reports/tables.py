@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from adapters.fields.times import utc
 from estimator.diagnosis.finding import amount
 from replay.localtime import HOUR
 from replay.recorded.trace import LEVELS, Trace
@@ -68,8 +67,8 @@ def zones(traces: Sequence[Trace]) -> Table:
             trace.zone,
             trace.network.name,
             trace.estimator,
-            moment(trace, trace.rows[0].time),
-            moment(trace, trace.rows[-1].time),
+            trace.moment(trace.rows[0].time),
+            trace.moment(trace.rows[-1].time),
             len(trace.rows),
             sum(trace.faults.values()),
             len(trace.diagnosis.findings),
@@ -100,12 +99,6 @@ def laws(trace: Trace) -> Table:
 
 def _between(part: Range) -> str:
     return f"{amount(part.mean)} ({amount(part.lower)} to {amount(part.upper)})"
-
-
-def moment(trace: Trace, time: int) -> str:
-    """UTC s `time` as the clocks of the site show it."""
-    local = int(trace.local(np.array([time], dtype=np.int64))[0])
-    return f"{utc(local):%Y-%m-%d %H:%M}"
 
 
 def parameters(trace: Trace) -> Table:

@@ -64,8 +64,9 @@ async def becomes(stream: AsyncIterator[Batch], expected: Mapping[str, Any]) -> 
     return found
 
 
-async def exhaust(stream: AsyncIterator[Batch]) -> None:
-    """Take everything that comes."""
+async def exhaust(stream: AsyncIterator[Batch], taken: list[Batch] | None = None) -> None:
+    """Take everything that comes, into `taken` if there is such a list."""
     async with asyncio.timeout(PATIENCE):
-        async for _ in stream:
-            pass
+        async for batch in stream:
+            if taken is not None:
+                taken.append(batch)

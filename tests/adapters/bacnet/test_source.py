@@ -107,9 +107,11 @@ async def test_a_subscription_brings_changes_and_polling_stops(monkeypatch):
         before = time.time()
         batch = await anext(stream)
         assert before - 1 < batch.readings[0].time <= time.time(), "what holds is said again in every poll"
-        peer.silent = True
+        peer.silent, silent, after = True, time.time(), []
         with pytest.raises(SourceUnavailable, match="no answer from"):
-            await exhaust(stream)
+            await exhaust(stream, after)
+        late = [one for batch in after for one in batch.readings if one.time > silent + 1.0]
+        assert late == [], "what a dead device told last is measured no more"
 
 
 async def test_what_is_subscribed_to_is_confirmed_and_renewed(monkeypatch):

@@ -263,7 +263,7 @@ def test_a_shorter_period_keeps_the_published_forecasts_and_says_what_is_new(rep
     (whole,), (folder, _) = replayed[1], state
     (trace,) = stored_traces(folder, load(folder / CONFIGURATION).zones, 1, progress=False)
     assert repr(trace.rows) == repr(whole.rows[-144:])
-    assert "were learned anew from the samples since 2024-04-12T00:00:00Z" in trace.notes[0]
+    assert "were learned anew from the samples since 2024-04-12 00:00 (UTC), and" in trace.notes[0]
 
 
 def test_topology_takes_the_samples_of_a_daemon(replayed, state):
