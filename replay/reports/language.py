@@ -1,8 +1,8 @@
 """A report in another language: everything it says, found by its English in the files of that language.
 
 `report-<language>.json` has what reports say, and the page's `said-<language>.json` what the daemon says. An entry is
-a sentence with {gaps} for numbers and names; a gap in capitals holds another such sentence, and {{ is a brace. What is
-not found, and names, stay as they are.
+a sentence with {gaps} for numbers and names; a gap in capitals holds other such sentences, one with a capital
+a part of one, and {{ is a brace. What is not found, and names, stay as they are.
 """
 
 from __future__ import annotations
@@ -95,23 +95,21 @@ def _plot(plot: Plot, say: Say) -> Plot:
 
 def _said(language: str, text: str) -> str | None:
     """`text` in `language`; None where it is not in the files."""
-    for entry in _entries(language):
-        match = entry.pattern.fullmatch(text)
-        if match is not None:
-            values = {name: _value(language, name, value) for name, value in match.groupdict().items()}
-            return entry.translated.format(**values)
-    # Titles are entries that begin with a capital.
+    # Titles, and sentences that begin with a capital, are entries that do not.
     lower = text[:1].lower() + text[1:]
-    found = _said(language, lower) if lower != text else None
-    if found is not None:
-        return found[:1].upper() + found[1:]
+    for entry in _entries(language):
+        for written in dict.fromkeys((text, lower)):
+            if (match := entry.pattern.fullmatch(written)) is not None:
+                values = {name: _value(language, name, value) for name, value in match.groupdict().items()}
+                found = entry.translated.format(**values)
+                return found if written is text else found[:1].upper() + found[1:]
     first, parts, rest = text.partition("; ")
-    found = _said(language, first) if parts else None
-    return None if found is None else f"{found}; {_said(language, rest) or rest}"
+    start = _said(language, first) if parts else None
+    return None if start is None else f"{start}; {_said(language, rest) or rest}"
 
 
 def _value(language: str, name: str, value: str) -> str:
-    return (_said(language, value) or value) if name.isupper() else value
+    return (_said(language, value) if name[0].isupper() else None) or _spaced(value)
 
 
 @cache
@@ -131,6 +129,8 @@ def _pattern(english: str) -> re.Pattern[str]:
     parts, end = [], 0
     for gap in _GAP.finditer(english):
         parts.append(re.escape(english[end : gap.start()]))
-        parts.append(re.escape(gap[0][0]) if gap[1] is None else f"(?P<{gap[1]}>.+?)")
+        # "; " parts sentences: a number or a name does not reach beyond it.
+        held = "." if gap[1] is None or gap[1].isupper() else "(?:(?!; ).)"
+        parts.append(re.escape(gap[0][0]) if gap[1] is None else f"(?P<{gap[1]}>{held}+?)")
         end = gap.end()
     return re.compile("".join([*parts, re.escape(english[end:])]), re.DOTALL)

@@ -25,7 +25,7 @@ def report(site: str, traces: Sequence[Trace], progress: bool = False) -> Report
     clocks = " and ".join(dict.fromkeys(trace.clock for trace in traces))
     return Report(
         document.title.format(site=site),
-        (*(note for trace in traces for note in trace.notes), *map(_in_a_sentence, traces)),
+        (*map(_in_a_sentence, traces), *(note for trace in traces for note in trace.notes)),
         (
             *([document.section("All rooms", tables.to_do(traces))] if several else []),
             *(section for trace in drawn for section in _zone(document, trace, several)),
@@ -85,7 +85,7 @@ def _zone(document: Document, trace: Trace, named: bool) -> Iterator[Section]:
         "For experts: parameters",
         *((tables.parameters(trace), plots.parameters(trace)) if looked else ()),
         none="" if looked else said("No parameters"),
-        moment=tables.moment(trace, int(trace.looks[-1])) if looked else "",
+        moment=trace.moment(int(trace.looks[-1])) if looked else "",
     )
     yield section(
         "For experts: residuals",

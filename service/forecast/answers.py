@@ -112,7 +112,9 @@ class Comparison:
 class RoomAnswer:
     """One answer about a room: a sentence, and the number in it with its 95 % interval."""
 
-    about: str = shown("comfort, heat_loss, cooling, heating, other_heat, energy, saving, window or last_day")
+    about: str = shown(
+        "comfort, heat_loss, cooling, heating, warming_up, other_heat, energy, saving, window or last_day"
+    )
     sentence: str
     unit: str
     value: Number = shown("null where it is not known", default=math.nan)

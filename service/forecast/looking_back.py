@@ -1,4 +1,4 @@
-"""Why the forecasts of the last day were wrong, and what an open window cost: answers about a room that look back."""
+"""Answers about a room that look back: how long warming up took, what an open window cost, why forecasts were wrong."""
 
 from __future__ import annotations
 
@@ -29,6 +29,38 @@ _NOTED = 0.05
 """kWh of lost heat that are worth a sentence."""
 
 
+def warming_up(step: float, temperature: Array, setpoint: Array, cold: float) -> Iterator[RoomAnswer]:
+    """How long the room was too cold after its set-point had risen: so much earlier the heating may start.
+
+    `temperature` and `setpoint` (K,) [degC] are of intervals of `step` s; more than `cold` [K] below its set-point the
+    room is too cold. A last rise after which the room is not warm yet says nothing.
+    """
+    with np.errstate(invalid="ignore"):
+        changes = np.diff(setpoint)
+        rises, falls = (np.flatnonzero(change > cold) + 1 for change in (changes, -changes))
+    # Within an interval the set-point may be on its way: its mean rises twice.
+    rises = rises[np.diff(rises, prepend=-2) > 1]
+    took, missed = [], 0
+    for rise in rises.tolist():
+        cut = [later for later in (*rises, *falls) if later > rise + 1]
+        end = min(cut, default=len(setpoint))
+        warm = np.flatnonzero(temperature[rise:end] >= setpoint[min(rise + 1, end - 1)] - cold)
+        if len(warm):
+            took.append(float(warm[0]) * step / _HOUR)
+        elif cut:
+            missed += 1
+    if not took:
+        return
+    usual, most = float(np.median(took)), max(took)
+    parts = ["After a setback it was warm again at once"]
+    if most > 0.0:
+        parts = [f"After a setback it took {usual:.1f} h to be warm again, at most {most:.1f} h"]
+        parts.append("start heating so much earlier")
+    if missed:
+        parts.append(f"{missed} of {missed + len(took)} times it was not warm before the next setback")
+    yield RoomAnswer("warming_up", "; ".join(parts), "h", usual)
+
+
 def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Iterator[RoomAnswer]:
     """The heat that was lost while heat was lost for certain that nobody measures, as through an open window.
 
@@ -54,11 +86,16 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Itera
     local = UTC if zone is None else time_zone(zone)
     begin, end = (datetime.fromtimestamp(when, local) for when in (inside[0], inside[-1] + step))
     sentence = (
-        f"An open window, or something else that nobody measures, took away about {amount(likely)} kWh in "
-        f"{days:.1f} days; 95 % between {amount(low)} and {amount(high)} kWh; "
+        f"An open window, or something else that nobody measures, took away about {_energy(likely)} kWh in "
+        f"{days:.1f} days; 95 % between {_energy(low)} and {_energy(high)} kWh; "
         f"most at once from {begin:%Y-%m-%d %H:%M} to {end:%H:%M}"
     )
     yield RoomAnswer("window", sentence, "kWh", likely, low, high)
+
+
+def _energy(kwh: float) -> str:
+    """As people write an energy, which nobody knows to the watt-hour."""
+    return amount(float(f"{round(kwh, 2):.2g}"))
 
 
 def last_day(worker: ZoneWorker, times: Array, step: float, inputs: Array, gain: Array) -> Iterator[RoomAnswer]:

@@ -18,9 +18,11 @@ from adapters.timestamps import time_zone
 from estimator.arrays import Array
 from estimator.diagnosis import finding as kinds
 from estimator.diagnosis.finding import Diagnosis, Finding, amount
+from estimator.network.assembly import assemble
+from estimator.network.discretise import heat_loss
 from estimator.network.network import Network
 from service.forecast.answers import Room, RoomAnswer, ToDo
-from service.forecast.looking_back import last_day, lost_heat
+from service.forecast.looking_back import last_day, lost_heat, warming_up
 from service.records.outlook import Weather
 from service.records.series import GAIN, Series
 from service.records.trust import UNTRUSTED, Trust
@@ -106,8 +108,9 @@ class RoomQuestion(NamedTuple):
         doubt = _doubt(diagnosis, loss)
         answers = [
             comfort.answer(),
-            _loss_answer(loss, self.area, doubt),
+            _loss_answer(loss, self.area, doubt, bool(_neighbours(worker.network))),
             *_pace(worker, standing),
+            *warming_up(self.past.step, self.past.temperature, self.past.setpoint, COLD),
             _heat_answer(elsewhere, sun, people),
             *_energy(worker, self.past, loss, doubt),
             *lost_heat(self.past.times, self.past.step, self.past.gain, self.zone),
@@ -178,9 +181,29 @@ def _after_a_rise(past: Past) -> Mask:
 
 
 def _loss(worker: ZoneWorker) -> Array | None:
-    """(3,): heat loss [W/K] at _LEVELS, with NaN for the ends of a collapsed interval; None if it is not known."""
-    summary = worker.parameters(_LEVELS)
-    return None if summary is None or not np.isfinite(summary.heat_loss[1]) else summary.heat_loss
+    """(3,): heat loss to outdoors [W/K] at _LEVELS, with NaN for the ends of a collapsed interval; None if it is not
+    known.
+
+    With neighbours it is that of the room with all of them as warm as itself. It grows with every conductance
+    (Rayleigh's monotonicity law), so that the ends of all parameters give an interval that is, if anything, too wide.
+    """
+    summary, network = worker.parameters(_LEVELS), worker.network
+    if summary is None or not np.isfinite(summary.heat_loss[1]):
+        return None
+    if not _neighbours(network):
+        return summary.heat_loss
+    known = np.where(np.isfinite(summary.parameters), summary.parameters, summary.parameters[:, 1:2])
+    matrices, node = assemble(network, known), network.nodes.index(network.measured[0])
+    shares = np.linalg.solve(matrices.internal, matrices.inputs)[:, node, : len(network.boundaries)]
+    outdoors = [channel not in _neighbours(network) for channel in network.boundaries]
+    loss: Array = heat_loss(matrices, node) * shares[:, outdoors].sum(axis=1)
+    return np.where(np.isfinite(summary.heat_loss), loss, np.nan)
+
+
+def _neighbours(network: Network) -> tuple[str, ...]:
+    """The boundaries that are no outdoor air, where one is."""
+    others = tuple(channel for channel in network.boundaries if not channel.startswith("T_out"))
+    return others if len(others) < len(network.boundaries) else ()
 
 
 def _doubt(diagnosis: Diagnosis, loss: Array | None) -> str:
@@ -197,13 +220,15 @@ def _doubt(diagnosis: Diagnosis, loss: Array | None) -> str:
     return ""
 
 
-def _loss_answer(loss: Array | None, area: float, doubt: str) -> RoomAnswer:
+def _loss_answer(loss: Array | None, area: float, doubt: str, neighbours: bool) -> RoomAnswer:
     if loss is None:
         return RoomAnswer("heat_loss", "Its heat loss is not known, for the estimator knows no building", "W/K")
     low, median, high = loss.tolist()
     parts = [f"It loses {amount(median)} W for each K that it is warmer than outside"]
     if high > _WIDE * low:
         parts = ["How much heat it loses is hardly known yet"]
+    if neighbours:
+        parts.append("the rooms next door counted as being as warm")
     if np.isfinite(low):
         parts.append(f"95 % between {amount(low)} and {amount(high)} W/K")
     if np.isfinite(area) and not high > _WIDE * low:

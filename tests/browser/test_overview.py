@@ -11,6 +11,8 @@ from support.browser import axe_finds, eventually
 from support.building import Building, building
 from support.fake_zones import FakeZone, doubted, running, waiting
 
+from estimator.diagnosis.finding import Diagnosis, Finding
+from service.records.trust import HorizonTrust, Trust
 from service.web.page import overview
 
 ROWS = "tr[data-zone]"
@@ -28,12 +30,20 @@ def stalled(name: str) -> FakeZone:
     return zone
 
 
+def cold_boiler(name: str) -> FakeZone:
+    """A zone with something to mend, beside what only experts would look at."""
+    zone = doubted(name)
+    found = Finding("calls-without-heat", "u_heat", "the set-point called for heat and none came; check the boiler")
+    zone.diagnosis = Diagnosis((found, *zone.diagnosis.findings))
+    return zone
+
+
 def many(count: int) -> dict[str, FakeZone]:
     """`count` rooms, of which some have trouble if there are more than one."""
     pattern = running("pattern", 100)
     zones = [replace(pattern, id=f"room-{index}", updates=list(pattern.updates), asked=[]) for index in range(count)]
     if count > 3:
-        zones[-3:] = [doubted("room-doubted"), waiting("room-waiting"), stalled("room-stalled")]
+        zones[-3:] = [cold_boiler("room-doubted"), waiting("room-waiting"), stalled("room-stalled")]
     return {zone.id: zone for zone in zones}
 
 
@@ -58,7 +68,7 @@ def test_the_worst_rooms_come_first_with_their_finding_in_words(visit: Any, thir
     page.wait_for_selector(ROWS)
     assert names(page)[:4] == ["room-stalled", "room-waiting", "room-doubted", "room-0"]
     doubt = page.locator('[data-zone="room-doubted"]')
-    assert doubt.locator(".cell-finding").inner_text() == "C_air is at its bound, and 2 more"
+    assert doubt.locator(".cell-finding").inner_text() == "the thermostat calls and no heat comes"
     assert doubt.locator(".cell-now").inner_text() == "19.5 °C"
     # The outlook and the sparkline come by the stream, once they are made.
     eventually(page, "document.querySelector('[data-zone=\"room-0\"] .cell-later').textContent.includes('°C')")
@@ -81,6 +91,25 @@ def test_a_room_that_is_colder_than_its_set_point_comes_before_the_others(serve:
     assert page.locator('[data-zone="room-2"] .cell-now').get_attribute("title").startswith("set to ")
 
 
+def test_what_only_experts_mend_calls_for_nobody_and_a_forecast_that_is_outdone_is_not_green(
+    serve: Any, visit: Any
+) -> None:
+    expert, outdone = doubted("expert"), running("outdone")
+    better = "1h ahead, no change is the better forecast: off by 0.2 K, the model by 0.3 K; rely on the model 6h ahead"
+    outdone.trusted = Trust(0, (HorizonTrust(6 * 3600, "trusted", "", 0),), beaten=better)
+    page = visit(serve({zone.id: zone for zone in (expert, outdone)}).url).page
+    page.wait_for_selector(ROWS)
+    assert page.locator('[data-zone="expert"] .cell-finding').inner_text() == "nothing unusual"
+    assert page.locator('[data-zone="outdone"] .cell-finding').inner_text() == "rely on the model 6 h ahead"
+    assert page.locator('[data-zone="outdone"] .cell-trust').inner_text() == "in part"
+    colour = "zone => getComputedStyle(document.querySelector(`[data-zone=${zone}] .cell-trust`)).color"
+    good = page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--good')")
+    assert page.evaluate(colour, "outdone") != good
+    page.locator("[data-filter=attention]").click()
+    eventually(page, "document.querySelectorAll('tr[data-zone]').length === 1")
+    assert names(page) == ["outdone"]
+
+
 def test_sort_filter_and_search(visit: Any, thirty: Building) -> None:
     page = visit(thirty.url).page
     page.wait_for_selector(ROWS)
@@ -93,7 +122,7 @@ def test_sort_filter_and_search(visit: Any, thirty: Building) -> None:
     assert page.locator("th.cell-room").get_attribute("aria-sort") == "descending"
     page.locator("[data-filter=attention]").click()
     eventually(page, "document.querySelectorAll('tr[data-zone]').length === 3")
-    page.locator("#search").fill("bound")
+    page.locator("#search").fill("thermostat")
     eventually(page, "document.querySelectorAll('tr[data-zone]').length === 1")
     assert names(page) == ["room-doubted"]
     page.locator("#search").fill("nowhere")

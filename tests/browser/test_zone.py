@@ -17,6 +17,7 @@ from support.fake_zones import START, FakeZone, doubted, make_update, running, w
 from adapters.reading import Quality
 from estimator.diagnosis.finding import Diagnosis, Finding
 from estimator.network.network import Conductance, HeatInput, Network, Parameter
+from service.forecast.answers import Preheat, Range
 from service.records.outlook import InputOrigin
 from service.records.trust import HorizonTrust, Trust
 from service.records.update import Disturbance
@@ -66,12 +67,25 @@ def test_a_room_opens_with_answers_and_what_to_do(visit: Any, house: Building) -
     assert page.locator(".profile rect").count() == 48
     page.get_by_label("Warm by").fill("07:00")
     page.get_by_role("button", name="When to start?").click()
-    page.wait_for_selector("text=1.5 h before: then it has 21.0 °C in time with 93%.")
+    page.wait_for_selector("text=1.5 h before: then it has 21.0 °C by Sat, May 3, 07:00 with a probability of 93%.")
     page.wait_for_selector(".findings li >> text=C_air is at its bound. C_air is at its lower bound; move it")
     assert page.locator(".expert dl").is_hidden(), "alpha, gate and N_eff are for experts"
     assert page.locator("time").first.get_attribute("title") == "2025-05-03 00:10 UTC"
     # 00:10 UTC in Berlin, wherever the browser is.
     assert "02:10" in page.locator("time").first.inner_text()
+
+
+def test_when_to_start_heating_is_told_unasked(serve: Any, visit: Any) -> None:
+    zone = running("living", 300)
+    issue = float(zone.updates[-1].forecast.issue_time)
+    some = Range(21.0, 20.5, 21.5)
+    zone.heating = Preheat(
+        issue, "trusted", 21.0, issue + 9000.0, 0.5, 0.9, issue + 3600.0, 90.0, 0.93, some, some, 17.0
+    )
+    page = opened(visit, serve({"living": zone})).page
+    page.wait_for_selector("text=1.5 h before: then it has 21.0 °C by Sun, May 4, 05:30 with a probability of 93%.")
+    page.locator("#language").select_option("de")
+    page.wait_for_selector("text=1,5 h vorher: dann hat er mit einer Wahrscheinlichkeit von 93 %")
 
 
 def test_what_happens_now_is_told_and_so_is_what_has_passed(serve: Any, visit: Any) -> None:

@@ -3,15 +3,18 @@
 export const STATES = ["failed", "stalled", "waiting", "running"];
 const STATE_WEIGHT = { failed: 400, stalled: 300, waiting: 150, running: 0 };
 const TRUST_WEIGHT = { untrusted: 200, doubtful: 100, learning: 20, trusted: 0 };
-// What is for who reads parameters; anything else is wrong with telemetry, heating or model.
-const MINOR = new Set(["members-disagree", "network-variant", "parameter-at-bound", "parameter-not-identified"]);
-const PROPOSALS = new Set(["narrower-bounds"]);
-export const SERIOUS_WEIGHT = 20;
+const FINDING_WEIGHT = 20;
+// What only those who read parameters can do something about; anything else is wrong with telemetry, heating or model.
+const FOR_EXPERTS = new Set(["parameter-at-bound", "parameter-not-identified", "members-disagree", "network-variant", "narrower-bounds"]);
 
-// How grave a finding is.
-export function weight({ finding }) {
-  if (PROPOSALS.has(finding)) return 0;
-  return MINOR.has(finding) ? 5 : SERIOUS_WEIGHT;
+// The findings that somebody should do something about.
+export function pressing({ findings }) {
+  return findings.filter(({ finding }) => !FOR_EXPERTS.has(finding));
+}
+
+// Whether a simpler forecast is better at some horizon, although that of 6 h ahead is trusted.
+export function outdone(row) {
+  return row.trust === "trusted" && Boolean(row.trust_reason);
 }
 
 // K below its set-point from which a room is cold, as in the answers about a room.
@@ -25,15 +28,14 @@ export function coldBy({ temperature, setpoint }) {
 
 // The larger, the more a zone needs somebody.
 export function severity(row) {
-  const findings = row.findings.reduce((sum, finding) => sum + weight(finding), 0);
-  return (STATE_WEIGHT[row.state] ?? 0) + (TRUST_WEIGHT[row.trust] ?? 0) + (row.reason && row.state === "running" ? 50 : 0) + Math.min(80, findings) + (row.disturbed ? 10 : 0) + Math.min(12, 6 * coldBy(row)) + (row.trust_reason && row.trust === "trusted" ? 15 : 0);
+  const findings = FINDING_WEIGHT * pressing(row).length;
+  return (STATE_WEIGHT[row.state] ?? 0) + (TRUST_WEIGHT[row.trust] ?? 0) + (row.reason && row.state === "running" ? 50 : 0) + Math.min(80, findings) + (row.disturbed ? 10 : 0) + Math.min(12, 6 * coldBy(row)) + (outdone(row) ? 4 : 0);
 }
 
-// Whether somebody should look: everything but a room that runs, is trusted, is not outdone by a simpler forecast and of which nothing worse is found than that
-// its bounds could be narrower, or that somebody is in it.
+// Whether somebody should look: everything but a room that runs, is trusted, is not outdone by a simpler forecast, and of which nothing is found that
+// somebody should do something about.
 export function needsAttention(row) {
-  const known = row.findings.some((finding) => weight(finding) > 0);
-  return row.state !== "running" || Boolean(row.reason) || known || (row.trust_reason && row.trust === "trusted") || row.trust === "doubtful" || row.trust === "untrusted";
+  return row.state !== "running" || Boolean(row.reason) || pressing(row).length > 0 || outdone(row) || row.trust === "doubtful" || row.trust === "untrusted";
 }
 
 const collator = new Intl.Collator(undefined, { numeric: true });

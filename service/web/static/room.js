@@ -1,7 +1,7 @@
 // How a room does, what it is like, what to do, and when to start heating: the card that the page of a room opens with.
 
 import { get, getIfAny, zonePath } from "./api.js";
-import { element, paced, svg } from "./dom.js";
+import { element, paced, set, svg } from "./dom.js";
 import { said } from "./said.js";
 import { capital, duration, number, share, t } from "./text.js";
 import { moment } from "./time.js";
@@ -14,7 +14,8 @@ const WORTH = 20;
 // The card of zone `id`; `failed(error)` is told what went wrong, and null once it works again.
 export function roomCard(id, failed) {
   const answers = element("div", {}, element("p", { className: "muted", textContent: t("learned.none") }));
-  const node = element("section", { className: "card answers" }, element("h2", { textContent: t("room.title") }), answers, preheatForm(id));
+  const heating = preheatForm(id);
+  const node = element("section", { className: "card answers" }, element("h2", { textContent: t("room.title") }), answers, heating.node);
   const ask = paced(async () => {
     try {
       const room = await getIfAny(`${zonePath(id)}/room`);
@@ -24,16 +25,19 @@ export function roomCard(id, failed) {
       failed(error);
     }
   }, ASK_MS);
-  return { node, ask, end: () => ask.cancel() };
+  return { node, ask, heating: heating.foreseen, end: () => ask.cancel() };
 }
 
 function told(room) {
   const list = room.to_do.map(({ what, why }) => element("li", {}, element("strong", {}, saidNode(capital(what))), " – ", saidNode(why)));
+  const [verdict, ...others] = room.answers.map(({ sentence }) => [saidNode(sentence), "."]);
   return [
-    element("ul", { className: "sentences" }, ...room.answers.map(({ sentence }) => element("li", {}, saidNode(sentence), "."))),
-    ...profile(room),
+    element("p", {}, ...verdict),
     element("h3", { textContent: t("room.to_do") }),
     list.length ? element("ol", { className: "findings" }, ...list) : element("p", { className: "muted", textContent: t("room.nothing") }),
+    element("h3", { textContent: t("room.about") }),
+    element("ul", { className: "sentences" }, ...others.map((parts) => element("li", {}, ...parts))),
+    ...profile(room),
   ];
 }
 
@@ -69,16 +73,29 @@ function preheatForm(id) {
     element("label", {}, `${t("preheat.at")} `, target, " °C"),
     element("button", { type: "submit", textContent: t("preheat.ask") }),
   );
+  let asked = false;
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
+    asked = true;
     try {
-      const answer = await get(`${zonePath(id)}/preheat?${new URLSearchParams({ target: target.value, by: by.value })}`);
-      const likely = { share: share(answer.reached), target: number(answer.target, 1) };
-      result.textContent = answer.start === null ? t("preheat.late", likely) : t("preheat.start", { ...likely, time: moment(Date.parse(answer.start)), before: duration(answer.minutes * 60) });
+      result.textContent = startText(await get(`${zonePath(id)}/preheat?${new URLSearchParams({ target: target.value, by: by.value })}`));
     } catch (error) {
       const { text, lang } = said(error.message);
       result.replaceChildren(element("span", { lang, textContent: text }));
     }
   });
-  return element("div", {}, element("h3", { textContent: t("preheat.title") }), form, result);
+  return {
+    node: element("div", {}, element("h3", { textContent: t("preheat.title") }), result, form),
+    // The zone's own answer about the next rise of its set-point, for as long as nobody asks for another time.
+    foreseen(answer) {
+      if (!asked) set(result, { textContent: answer ? startText(answer) : "" });
+    },
+  };
+}
+
+function startText({ start, by, target, reached }) {
+  const likely = { share: share(reached), target: number(target, 1), by: moment(Date.parse(by)) };
+  if (start === null) return t("preheat.late", likely);
+  const [begin, end] = [start, by].map((time) => Date.parse(time));
+  return t("preheat.start", { ...likely, time: moment(begin), before: duration((end - begin) / 1000) });
 }

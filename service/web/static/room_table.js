@@ -1,6 +1,7 @@
 // A table of rooms of which only the rows in view exist in the page.
 
 import { element, set } from "./dom.js";
+import { outdone } from "./ranking.js";
 import { said } from "./said.js";
 import { sparkline } from "./spark.js";
 import { celsius, duration, number, t } from "./text.js";
@@ -182,7 +183,8 @@ function roomRow(id) {
         set(cells[name], { textContent: celsius(one?.mean), title });
       });
       set(pill, { textContent: stateText(row.state), className: `pill ${row.state}` });
-      set(cells.trust, { textContent: trustText(row.trust), title: row.trust_reason ? said(row.trust_reason).text : "", className: `cell-trust trust-${row.trust ?? "unknown"}` });
+      const trust = outdone(row) ? "partly" : row.trust;
+      set(cells.trust, { textContent: trustText(trust), title: row.trust_reason ? said(row.trust_reason).text : "", className: `cell-trust trust-${trust ?? "unknown"}` });
       const { text, lang } = rowTold(row);
       set(cells.finding, { textContent: text, title: text, lang });
       spark.draw(row.spark, row.spark ? sparkText(row.spark) : t("overview.no_spark"));

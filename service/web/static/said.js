@@ -3,6 +3,8 @@
 
 const GAP = /\{\{|\}\}|\{(\w+)\}/g;
 const REMEMBERED = 2000;
+// "; " parts sentences: a number or a name does not reach beyond it.
+const WITHIN = "((?:(?!; ).)+?)";
 
 let catalogue = [];
 const known = new Map();
@@ -14,7 +16,7 @@ function compiled(english, translated) {
   let pattern = "";
   let end = 0;
   for (const gap of english.matchAll(GAP)) {
-    pattern += escaped(english.slice(end, gap.index)) + (gap[1] === undefined ? escaped(gap[0][0]) : "(.+?)");
+    pattern += escaped(english.slice(end, gap.index)) + (gap[1] === undefined ? escaped(gap[0][0]) : gap[1] === gap[1].toUpperCase() ? "(.+?)" : WITHIN);
     if (gap[1] !== undefined) names.push(gap[1]);
     end = gap.index + gap[0].length;
   }
@@ -35,10 +37,10 @@ export async function loadSaid(language) {
 // Lengths of time, which the daemon writes as a configuration does, as people write them.
 const spaced = (text) => text.replace(/(?<![^\s(])(\d+)(min|[dhs])(?![^\s,.;:)])/g, "$1 $2");
 
-// A number with the reader's decimal sign, and a length of time with a space.
+// A number with the reader's decimal sign, and lengths of time with a space.
 function localised(value) {
   if (/^-?\d+\.\d+$/.test(value)) return value.replace(".", (0.5).toLocaleString(document.documentElement.lang).charAt(1));
-  return value.replace(/^(\d+)(min|[dhs])$/, "$1 $2");
+  return spaced(value);
 }
 
 function translation(text) {

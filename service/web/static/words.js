@@ -2,7 +2,7 @@
 
 import { element } from "./dom.js";
 import { said } from "./said.js";
-import { SERIOUS_WEIGHT, coldBy, weight } from "./ranking.js";
+import { coldBy, outdone, pressing } from "./ranking.js";
 import { celsius, duration, has, number, sentence, share, t } from "./text.js";
 
 export function stateText(state) {
@@ -46,14 +46,16 @@ function parameterName(name) {
 }
 
 // The first thing to know of a zone in the table, and the language that it is in: why it does not run, else what is wrong with
-// its telemetry, heating or model, else why it is not trusted or what is better, else what else is found.
+// its telemetry, heating or model, else why it is not trusted, else what happens in it, else how far it is trusted.
 export function rowTold(row) {
   if (row.state !== "running" || row.reason) return row.reason ? said(row.reason) : { text: stateText(row.state), lang: "" };
-  const [first, ...others] = row.findings.toSorted((one, other) => weight(other) - weight(one));
-  if (row.trust_reason && row.trust !== "learning" && !(first && weight(first) === SERIOUS_WEIGHT)) return said(row.trust_reason);
+  const [first, ...others] = pressing(row);
   if (first) return { text: others.length ? t("finding.more", { text: findingText(first), count: number(others.length) }) : findingText(first), lang: "" };
-  const cold = coldBy(row) ? t("finding.cold", { by: number(coldBy(row), 1) }) : t("finding.none");
-  return { text: row.disturbed ? t("finding.disturbed") : cold, lang: "" };
+  if (row.trust_reason && row.trust !== "learning" && !outdone(row)) return said(row.trust_reason);
+  if (row.disturbed) return { text: t("finding.disturbed"), lang: "" };
+  if (coldBy(row)) return { text: t("finding.cold", { by: number(coldBy(row), 1) }), lang: "" };
+  // How far the forecast is good after all; the reason is told with the trust.
+  return outdone(row) ? said(row.trust_reason.split("; ").at(-1)) : { text: t("finding.none"), lang: "" };
 }
 
 export function rowText(row) {
@@ -78,6 +80,14 @@ export function doubts({ status, forecast, trust }) {
   if (trust?.beaten) found.push({ text: "", own: trust.beaten });
   if (horizons.every(({ trust: level }) => level === "learning")) found.push({ text: t("doubt.young", { samples: number(status.samples) }) });
   return found;
+}
+
+// Up to how many s ahead nothing speaks against the forecast now.
+export function goodUpTo({ status, forecast, trust }) {
+  if (status.reason || forecast?.regime === "high") return 0;
+  const horizons = trust?.horizons ?? [];
+  const end = horizons.findIndex((one) => one.trust !== "trusted" || (trust.beaten && one.lead_s > trust.good_up_to_s));
+  return horizons[(end < 0 ? horizons.length : end) - 1]?.lead_s ?? 0;
 }
 
 // Where the values of an input in a forecast come from.

@@ -11,7 +11,7 @@ import { said } from "./said.js";
 import { follow } from "./stream.js";
 import { amount, capital, celsius, duration, number, share, t, unitText } from "./text.js";
 import { timeNode, useTimeZone } from "./time.js";
-import { channelText, doubts, faultText, saidNode, stateText, trustText } from "./words.js";
+import { channelText, doubts, faultText, goodUpTo, saidNode, stateText, trustText } from "./words.js";
 
 const EXPERT = "thermogate-expert";
 const LEARNED_MS = 60_000;
@@ -19,8 +19,8 @@ const SHOW_MS = 250;
 
 // Shows zone `id` in `place`; `frame` shows the site's name and the connection. Returns what ends it.
 export function showZone(place, frame, id) {
-  // The stream begins with what there is; it brings gain and trust only where they are known.
-  const known = { zone: null, status: null, forecast: null, gain: null, skill: null, trust: null };
+  // The stream begins with what there is; it brings gain, trust and what is ahead only where they are known.
+  const known = { zone: null, status: null, forecast: null, gain: null, skill: null, trust: null, ahead: null };
   const cards = { history: null, next: null, room: null };
   let ended = false;
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
@@ -97,10 +97,11 @@ export function showZone(place, frame, id) {
     set(pill, { textContent: stateText(status.state), className: `pill ${status.state}` });
     about.replaceChildren(t("zone.about", { network: zone.network, estimator: zone.estimator, period: duration(zone.period_s) }));
     showDoubt();
+    cards.room.heating(known.ahead?.heating);
     const interval = forecast?.intervals[0];
     const horizons = known.trust?.horizons ?? [];
     const alike = horizons.every((one) => one.trust === horizons[0].trust);
-    const trust = alike ? horizons.slice(0, 1).map((one) => trustText(one.trust)) : horizons.map((one) => `${duration(one.lead_s)}: ${trustText(one.trust)}`);
+    const trust = alike && known.trust?.beaten && horizons[0]?.trust === "trusted" ? [trustText("partly")] : alike ? horizons.slice(0, 1).map((one) => trustText(one.trust)) : horizons.map((one) => `${duration(one.lead_s)}: ${trustText(one.trust)}`);
     fill(figures, [
       [t("zone.newest"), status.last_sample_time ? timeNode(Date.parse(status.last_sample_time)) : "–"],
       [t("zone.next"), interval ? `${celsius(forecast.mean, 2)} (${number(interval.lower, 2)} … ${number(interval.upper, 2)})` : "–"],
@@ -128,7 +129,9 @@ export function showZone(place, frame, id) {
   function showDoubt() {
     const found = doubts(known);
     const running = known.status.state === "running";
-    const head = running ? (found.length ? t("doubt.title") : t("doubt.nothing", { lead: duration(Math.max(0, ...(known.trust?.horizons ?? []).map((one) => one.lead_s))) })) : null;
+    const lead = goodUpTo(known);
+    const careful = lead && found.length ? t("doubt.good", { lead: duration(lead) }) : t("doubt.title");
+    const head = running ? (found.length ? careful : t("doubt.nothing", { lead: duration(lead) })) : null;
     const items = found.map(({ text, own }) => element("li", {}, text, ...(own ? [" ", saidNode(text.endsWith(".") ? capital(own) : own)] : [])));
     const next = [...(head ? [element("strong", { textContent: head })] : []), ...(items.length ? [element("ul", {}, ...items)] : [])];
     const text = next.map(({ textContent }) => textContent).join("");

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from replay.reports.language import sayer
-from service.forecast.looking_back import last_day, lost_heat
+from service.forecast.looking_back import last_day, lost_heat, warming_up
 
 STEP, DAYS = 600.0, 5
 TIMES = 1_767_571_200.0 + STEP * np.arange(DAYS * 144)
@@ -47,6 +47,36 @@ def test_a_closed_window_is_told_and_an_unknown_gain_is_not():
     assert list(lost_heat(TIMES, STEP, np.full_like(CALM, np.nan), None)) == []
 
 
+def mornings(*delays, days=5):
+    """Temperature and set-point with a setback every night, and a room that is warm so many intervals after its end."""
+    setpoint = np.tile(np.repeat([17.0, 21.0, 17.0], [36, 96, 12]), days)
+    temperature = setpoint.copy()
+    for day, delay in enumerate(delays):
+        temperature[144 * day + 36 :][:delay] = 19.0
+    return temperature, setpoint
+
+
+def test_warming_up_takes_as_long_as_the_room_was_too_cold_after_a_setback():
+    (answer,) = warming_up(STEP, *mornings(6, 9, 9, 12, 18), 0.5)
+    assert answer.sentence == (
+        "After a setback it took 1.5 h to be warm again, at most 3.0 h; start heating so much earlier"
+    )
+    assert (answer.value, answer.unit) == (1.5, "h")
+    assert sayer("de")(answer.sentence).startswith("Nach einer Absenkung dauerte es 1.5 h, bis er wieder warm war, h")
+    (answer,) = warming_up(STEP, *mornings(6, 200, 6), 0.5)
+    assert answer.sentence.endswith("1 of 5 times it was not warm before the next setback")
+    (answer,) = warming_up(STEP, *mornings(), 0.5)
+    assert answer.sentence == "After a setback it was warm again at once"
+
+
+def test_a_rise_within_an_interval_is_one_and_a_room_without_setbacks_says_nothing():
+    temperature, setpoint = mornings(6, 6, 6, 6, 6)
+    setpoint[36::144] = 19.0
+    assert [one.value for one in warming_up(STEP, temperature, setpoint, 0.5)] == [1.0]
+    assert list(warming_up(STEP, temperature, np.full_like(setpoint, 21.0), 0.5)) == []
+    assert list(warming_up(STEP, temperature, np.full_like(setpoint, np.nan), 0.5)) == []
+
+
 def worker(issued, known, forecasts=20):
     def window(days, error):
         return tuple(SimpleNamespace(lead=lead, forecasts=forecasts, rmse=error) for lead in (3600, 21600, 86400))
@@ -80,5 +110,6 @@ def test_heat_that_nobody_measures_is_named_with_its_energy_else_the_model():
     gain = np.where(TIMES[-1] - 6 * 3600.0 < TIMES, -400.0, 0.0)
     (answer,) = asked(worker(1.4, 1.3), gain=gain)
     assert answer.sentence.endswith("such as people or a window, took away 2.4 kWh more than usual")
+    assert sayer("de")(answer.sentence).endswith("etwa Menschen oder ein Fenster, entzog 2.4 kWh mehr als sonst")
     (answer,) = asked(worker(1.4, 1.3))
     assert answer.sentence.endswith("so the model does not know this room well enough")

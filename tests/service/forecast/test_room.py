@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,7 +12,11 @@ from support.thermostat_house import recorded
 import thermogate as tg
 from estimator.diagnosis import finding as kinds
 from estimator.diagnosis.finding import Diagnosis, Finding
-from service.forecast.room import MOST, Past, RoomQuestion
+from estimator.network import presets
+from estimator.network.assembly import assemble
+from estimator.network.discretise import heat_loss
+from replay.reports.language import sayer
+from service.forecast.room import MOST, Past, RoomQuestion, _loss
 from service.records.trust import HorizonTrust, Trust
 from service.zone.foresight.outlook import NO_WEATHER
 
@@ -95,6 +101,26 @@ def test_a_loss_of_which_little_is_known_is_not_told_as_one_number(worker, monke
     assert np.isnan(found["saving"].value)
 
 
+def test_the_loss_of_a_room_with_neighbours_is_that_to_outdoors(worker, monkeypatch):
+    network = presets.network("ecolar-6r4c")
+    theta = np.array([parameter.nominal for parameter in network.parameters])
+    matrices, node = assemble(network, theta[:, None]), network.nodes.index(network.measured[0])
+    whole = heat_loss(matrices, node)[0]
+    # Steady state at 1 K above outdoors, indoors and next door: the heat that this takes is the loss.
+    unit = np.eye(len(network.nodes))[node]
+    next_door = matrices.inputs[0][:, network.boundaries.index("T_adj")]
+    warm, heated = (np.linalg.solve(matrices.internal[0], flow)[node] for flow in (next_door, unit))
+    spread = np.array([0.8, 1.0, 1.25])
+    summary = worker.parameters((0.025, 0.5, 0.975))._replace(
+        parameters=theta[:, None] * spread, heat_loss=whole * spread
+    )
+    monkeypatch.setattr(worker, "parameters", lambda levels: summary)
+    monkeypatch.setattr(type(worker), "network", network)
+    found = _loss(worker)
+    assert found == pytest.approx((1.0 - warm) / heated * spread)
+    assert found[1] < 0.9 * whole
+
+
 def test_it_cools_and_heats_as_fast_as_the_house(worker):
     found = answers(asked(worker))
     assert found["cooling"].lower < found["cooling"].value < found["cooling"].upper
@@ -121,6 +147,15 @@ def test_at_most_three_things_are_to_be_done_the_most_important_first(worker, mo
     found = [one for one in found if one.finding not in kinds.TELEMETRY]
     urgent = (kinds.CALLS_WITHOUT_HEAT, kinds.IMPLAUSIBLE, kinds.HEAT_WITHOUT_CALL)
     assert tuple(one.why for one in asked(worker).to_do) == urgent
+
+
+def test_in_german_no_part_of_a_sentence_stays_english(worker):
+    room = asked(worker, PAST._replace(gain=np.tile([-900.0, -500.0, -100.0], (len(TIMES), 1))), area=120.0)
+    told = [one.sentence for one in room.answers] + [text for one in room.to_do for text in (one.what, one.why)]
+    assert len(told) > 9
+    german = [sayer("de")(sentence) for sentence in told]
+    left = [text for text in german if re.search(r"\b(the|and|between|not|of|than|on average|most|for)\b", text)]
+    assert left == []
 
 
 def cold_all_day(power):

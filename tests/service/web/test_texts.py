@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from adapters.reading import Fault
-from estimator.diagnosis.finding import FINDINGS
+from estimator.diagnosis.finding import FINDINGS, FOR_EXPERTS
 from replay.reports.language import sayer
 from service.records.status import STATES
 
@@ -120,3 +120,12 @@ def test_no_text_is_left_over() -> None:
     named = set(re.findall(r'"([a-z_]+(?:\.[a-z_-]+)*)"', SCRIPTS))
     for key in LANGUAGES["en"]:
         assert key in named or any(key.startswith(family) for family in families), key
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["service/web/static/ranking.js", "deploy/home-assistant/custom_components/thermogate/coordinator.py"],
+)
+def test_what_is_for_experts_is_so_on_the_page_and_in_home_assistant(path):
+    listed = re.search(r"FOR_EXPERTS = [^\[{]*[\[{](.*?)[\]}]", (ROOT / path).read_text(encoding="utf-8"), re.DOTALL)
+    assert sorted(re.findall(r'"([a-z-]+)"', listed[1])) == sorted(FOR_EXPERTS)
