@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field
 
 from adapters.edge import Edge
 from adapters.fields.tables import TABLE
-from adapters.fields.values import Duration, NonZero, Number, Pace, Positive, PositiveDuration, Range, Text
+from adapters.fields.values import Duration, NonZero, Number, Pace, Positive, PositiveDuration, Range, Share, Text
 from adapters.reading import Source
 from adapters.timestamps import Array
 from adapters.units import ENERGIES, conversion, default_valid_range
@@ -49,6 +49,9 @@ class ChannelConfig(BaseModel):
     )
     max_age: Duration | None = Field(default=None, description="inputs: how long a missing value is held")
     installed: Positive | None = Field(default=None, description="power: the largest that can be planned")
+    share: Share | None = Field(
+        default=None, description="meter of several zones: a name of it, the same in each, or the zone's likely share"
+    )
     forecast: ForecastConfig | None = Field(default=None, description="inputs: the weather forecast that foresees it")
 
     @property
@@ -128,7 +131,7 @@ class Binding(NamedTuple):
         return self.id == other.id and mine == theirs and self.edge() == other.edge()
 
 
-_OF_THE_ZONE = {"aggregate", "max_age", "installed", "forecast"}
+_OF_THE_ZONE = {"aggregate", "max_age", "installed", "share", "forecast"}
 
 
 class SourceConfig(BaseModel):

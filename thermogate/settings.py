@@ -13,7 +13,7 @@ from adapters.fields.words import shown, suggestion
 from estimator.network.network import Network
 from estimator.network.presets import AUTO, automatic
 from service.config.checks import check_zone
-from service.config.known_heat import heated
+from service.config.known_heat import heated, shared
 from service.config.load import completed, read_zone
 from service.config.networks import read_network
 from service.config.site import SiteConfig, Whereabouts, ZoneConfig
@@ -128,6 +128,7 @@ def settings_of(network: Network, columns: Mapping[str, Any], tz: str, given: Ma
     described |= {"id": ZONE, "network": "tite", "channels": channels}
     draft = read_zone(described, (), {ZONE: ("csv", None)}, problems, {"site": ZONE, "folder": Path()})
     draft.network = network if draft.table is None else heated(network, draft.table, whereabouts, (), problems)
+    shared([draft], problems)
     options = check_zone(draft, {}, problems)
     if problems.sentences or draft.table is None:
         raise ConfigError([_as_columns(sentence) for sentence in problems.sentences])

@@ -68,6 +68,17 @@ flag = check(lambda value: value if isinstance(value, bool) else None, "must be 
 number = check(number_in, "must be a number, without quotes, not {}")
 positive = check(lambda value: found if (found := number(value)) > 0 else None, "must be greater than 0, not {}")
 non_zero = check(lambda value: number(value) or None, "must not be 0, which would make every reading the same")
+share = check(
+    lambda value: (
+        value
+        if isinstance(value, str) and value
+        else found
+        if 0.001 <= (found := number_in(value) or 0.0) <= 1
+        else None
+    ),
+    'must be the name of a meter in quotes, such as "boiler", or a number from 0.001 to 1, not {}',
+    "text, or 0.001 to 1",
+)
 level = check(
     lambda value: found if is_level(found := number(value)) else None,
     "must lie between 0 and 1, such as 0.95, not {}",
@@ -271,6 +282,7 @@ Retries = Annotated[int, BeforeValidator(whole(0, 10))]
 Count = Annotated[int, BeforeValidator(whole(1, 100_000))]
 Identifier = Annotated[str, BeforeValidator(identifier)]
 Name = Annotated[str, BeforeValidator(name)]
+Share = Annotated[str | float, BeforeValidator(share)]
 Level = Annotated[float, BeforeValidator(level)]
 Levels = Annotated[tuple[Level, ...], AfterValidator(distinct)]
 Range = Annotated[tuple[Number, Number], AfterValidator(ordered)]

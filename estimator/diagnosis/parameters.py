@@ -103,8 +103,10 @@ def _place(network: Network, parameter: Parameter) -> str:
 
 
 def _learned(network: Network, summary: ParameterSummary) -> Iterator[tuple[Parameter, Array, Array]]:
-    """Every free parameter with quantiles, their places in its log box (0: lower, 1: upper bound), and themselves."""
-    for parameter, quantiles in zip(network.parameters, summary.parameters, strict=True):
-        if parameter.free and np.isfinite(quantiles).all() and (quantiles > 0.0).all():
+    """Every free parameter with quantiles, their places in its log box (0: lower, 1: upper bound), and themselves; no
+    shares, whose bounds nobody writes."""
+    shares = network.shares.values()
+    for place, (parameter, quantiles) in enumerate(zip(network.parameters, summary.parameters, strict=True)):
+        if parameter.free and place not in shares and np.isfinite(quantiles).all() and (quantiles > 0.0).all():
             width = np.log(parameter.upper / parameter.lower)
             yield parameter, np.log(quantiles / parameter.lower) / width, quantiles

@@ -38,7 +38,8 @@ def disobedience(network: Network, thermostat: Thermostat) -> list[Finding]:
                 f"{amount(power)} W; check whether boiler or pump are off, a valve is stuck or the meter has failed"
             )
             findings.append(Finding(CALLS_WITHOUT_HEAT, channel, sentence))
-        if idle.sum() * length >= _LONG and heat[idle].mean() > MUCH * power:
+        # The heat of a meter of several zones may be that of others.
+        if channel not in network.shares and idle.sum() * length >= _LONG and heat[idle].mean() > MUCH * power:
             sentence = (
                 f"{channel} gave {amount(heat[idle].mean())} W for {amount(idle.sum() * length / 3600.0)} of the last "
                 f"{_WINDOW // 3600} h in which the set-point did not call for {kind}; check for a valve that does not "

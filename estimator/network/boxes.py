@@ -26,7 +26,7 @@ Reasons, per m2 of floor:
 - Solar aperture (A_w), .002 to .3 m2: of horizontal irradiance; windows of 2 to 60 % of the floor, a transmittance of
   .2 to .6, and shade. A glazed hall of 2,000 m2 has up to 600 m2.
 
-A share of heat (f_air) does not grow with the building and keeps its bounds.
+A share of heat (f_air, or of a meter of several zones) does not grow with the building and keeps its bounds.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from math import sqrt
 from typing import NamedTuple
 
 from estimator.errors import NetworkError
-from estimator.network.network import Network, Parameter
+from estimator.network.network import SHARE, Network, Parameter
 
 WIDEST = (20.0, 2000.0)
 """m2: a room and a hall, the floor areas between which the widest box holds."""
@@ -97,14 +97,13 @@ PER_AREA: Mapping[str, PerArea] = {
 """By the parameter's name in the generic networks. The paths to neighbours of `auto`, g_i_adj..., share one range."""
 
 _NEIGHBOURS = "g_i_adj"
-_SHARES = ("f_air", "f_direct")
+_SHARES = ("f_air", "f_direct", SHARE)
+"""How the names of shares of heat begin."""
 
 
 def is_generic(network: Network) -> bool:
     """Whether every free parameter of `network` has a range per m2 of floor area."""
-    return all(
-        each.name in PER_AREA or each.name in _SHARES or each.name.startswith(_NEIGHBOURS) for each in network.free
-    )
+    return all(each.name in PER_AREA or each.name.startswith((*_SHARES, _NEIGHBOURS)) for each in network.free)
 
 
 def box(parameter: Parameter, smallest: float, largest: float) -> Parameter:
@@ -114,7 +113,7 @@ def box(parameter: Parameter, smallest: float, largest: float) -> Parameter:
     outside the bounds is dropped. NetworkError for a parameter that has no range per m2.
     """
     name = parameter.name
-    if name in _SHARES:
+    if name.startswith(_SHARES):
         return parameter
     per_area = _NEIGHBOUR if name.startswith(_NEIGHBOURS) else PER_AREA.get(name)
     if per_area is None:

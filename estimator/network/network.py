@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,12 @@ from estimator.errors import NetworkError
 from estimator.network.terms import HeatTerm
 
 MEASURED = "measured"
+
+SHARE = "share_"
+"""Before the name of a heat input that is a meter of several zones: the parameter that is this zone's share of it."""
+_SMALLEST_SHARE = 1e-3
+_SPREAD_OF_SHARES = 0.5
+"""Rooms differ in use, walls and what their neighbours give them: two of three have within 1.6 times what is likely."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +147,13 @@ class Network:
         this one lacks."""
         return np.array([self.drive.index(name) for name in part.drive], dtype=np.int64)
 
+    @cached_property
+    def shares(self) -> Mapping[str, int]:
+        """The heat inputs that are meters of several zones, with the place in theta of this zone's share."""
+        places = {parameter.name: place for place, parameter in enumerate(self.parameters)}
+        named = {channel: SHARE + channel for channel in self.heat_channels}
+        return {channel: places[name] for channel, name in named.items() if name in places}
+
     def without_terms(self) -> Network:
         """A copy in which all heat is measured or unknown."""
         return replace(self, terms=()) if self.terms else self
@@ -180,6 +194,29 @@ class Network:
             raise NetworkError(f"network '{self.name}' already has the heat input '{channel}'")
         heat = HeatInput(channel, node, Gain(parameter=aperture.name), "W/m2")
         return replace(self, heat_inputs=(*self.heat_inputs, heat), parameters=(*self.parameters, aperture))
+
+    def with_share(self, channel: str, typical: float) -> Network:
+        """A copy in which the heat input `channel` [W] is a meter of several zones, of which this one's share is
+        learned and usually `typical`, whatever was thought of it before."""
+        known: dict[str, Any] = {"typical": max(typical, _SMALLEST_SHARE), "spread": _SPREAD_OF_SHARES}
+        if channel in self.shares:
+            return self.with_parameter(SHARE + channel, **known)
+        own = [heat for heat in self.heat_inputs if heat.channel == channel]
+        if [heat.gain for heat in own] != [Gain(1.0)]:
+            raise NetworkError(
+                f"network '{self.name}' has gains of '{channel}' of its own, beside which no share of it can be learned"
+            )
+        share = Parameter(SHARE + channel, "1", _SMALLEST_SHARE, 1.0, **known)
+        # As in a table: gains have the order of the heat inputs, after everything else.
+        later = {heat.gain.parameter for heat in self.heat_inputs[self.heat_inputs.index(own[0]) :]}
+        place = next((at for at, each in enumerate(self.parameters) if each.name in later), len(self.parameters))
+        return replace(
+            self,
+            heat_inputs=tuple(
+                replace(heat, gain=Gain(parameter=share.name)) if heat in own else heat for heat in self.heat_inputs
+            ),
+            parameters=(*self.parameters[:place], share, *self.parameters[place:]),
+        )
 
     def initial_temperature(self, node: str) -> InitialTemperature:
         """The starting rule of `node`: its own, or the first output with .5 K if measured and 3 K if not."""

@@ -1,7 +1,9 @@
-"""Which heat of a zone is known up to coefficients: sun and habits, as its table and the site say."""
+"""Which heat of a zone is known up to coefficients: sun and habits, as its table and the site say, and its share of a
+meter of several zones."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from adapters.fields.problems import Place, Problems
@@ -13,6 +15,7 @@ from estimator.network.buildings import NOTHING_KNOWN, Building, has_envelope, i
 from estimator.network.network import Network
 from estimator.network.presets import AUTO
 from estimator.registry import ESTIMATORS
+from service.config.checks import ZoneDraft
 from service.config.network_tables import PresetConfig
 from service.config.site import Whereabouts, ZoneTable
 
@@ -33,7 +36,7 @@ def heated(network: Network, zone: ZoneTable, whereabouts: Whereabouts, place: P
         return network
     if network.terms:
         return network
-    area, building = zone.floor_area or _area_of_the_box(zone), zone.building.over(whereabouts.building)
+    area, building = _floor_area(zone), zone.building.over(whereabouts.building)
     fits = False
     if isinstance(zone.network, PresetConfig):
         if network.name == AUTO and zone.floor_area is not None:
@@ -81,8 +84,50 @@ def usually_heated(
     return with_known_heat(told, habits=True, sun=sun, location=location, floor_area=floor_area, use=building.use)
 
 
-def _area_of_the_box(zone: ZoneTable) -> float | None:
-    """The floor area that the bounds of the network follow from, if it is one."""
+def shared(drafts: Sequence[ZoneDraft], problems: Problems) -> None:
+    """Give the networks of `drafts` the shares that their channels ask for; what is wrong is noted in `problems`.
+
+    Zones that name the same meter have shares by their floor areas where all are known, and equal ones otherwise.
+    """
+    readers: dict[str, list[tuple[ZoneDraft, str]]] = {}
+    for draft in drafts:
+        for name, channel in draft.channels.items():
+            if channel.share is None or draft.network is None or name not in draft.network.channels:
+                continue
+            place, unit = (*draft.place, "channels", name, "share"), draft.network.channel_unit(name)
+            if unit != "W":
+                problems.add(place, f"is for a meter of heat in W, and {name} is in {unit}; remove it")
+            elif isinstance(channel.share, str):
+                readers.setdefault(channel.share, []).append((draft, name))
+            else:
+                _share(draft, name, channel.share, problems)
+    for meter, found in readers.items():
+        areas = [None if draft.table is None else _floor_area(draft.table) for draft, _ in found]
+        known = [area for area in areas if area is not None]
+        if len(known) < len(found):
+            known = [1.0] * len(found)
+        for (draft, name), area in zip(found, known, strict=True):
+            if len(found) == 1:
+                sentence = (
+                    f'is "{meter}", which no other zone has a share of; name it in the other zones that it meters, or '
+                    "give the share of this one that is likely, such as 0.2"
+                )
+                problems.add((*draft.place, "channels", name, "share"), sentence)
+            _share(draft, name, area / sum(known), problems)
+
+
+def _share(draft: ZoneDraft, channel: str, typical: float, problems: Problems) -> None:
+    assert draft.network is not None
+    try:
+        draft.network = draft.network.with_share(channel, typical)
+    except NetworkError as error:
+        problems.add((*draft.place, "channels", channel, "share"), f"{error}; remove it")
+
+
+def _floor_area(zone: ZoneTable) -> float | None:
+    """The floor area [m2] that the table says, or that the bounds of the network follow from, if it is one."""
+    if zone.floor_area is not None:
+        return zone.floor_area
     box = zone.network.box if isinstance(zone.network, PresetConfig) else None
     return box.floor_area[0] if box is not None and box.floor_area[0] == box.floor_area[1] else None
 

@@ -29,7 +29,7 @@ from service.config.checks import (
 )
 from service.config.fleet import FleetConfig
 from service.config.http import HttpConfig
-from service.config.known_heat import heated
+from service.config.known_heat import heated, shared
 from service.config.log import LogConfig
 from service.config.network_tables import PresetConfig
 from service.config.networks import proposes_bounds, read_network
@@ -84,7 +84,7 @@ _OF_HISTORY = ("sources", "zones")
 _OF_HISTORY_ZONES = ("id", "channels", SETPOINT)
 
 
-_OF_RECORDED = ("unit", "nominal", "aggregate", "valid", "max_age")
+_OF_RECORDED = ("unit", "nominal", "aggregate", "valid", "max_age", "share")
 """Keys of a channel that its history shares: the rest says how the live value is found."""
 
 
@@ -146,6 +146,10 @@ def _with_history(
             (*place, "channels"),
             f"must name the same channels as zone {shown(told['id'])} of {path}, which are {', '.join(own)}",
         )
+    if isinstance(own, dict) and isinstance(channels, dict):
+        # The state belongs to a network with the share.
+        shares = {name: {"share": table["share"]} for name, table in own.items() if "share" in table}
+        told = {**told, "channels": {name: shares.get(name, {}) | table for name, table in channels.items()}}
     return {key: value for key, value in zone.items() if key not in _OF_HISTORY_ZONES} | dict(told)
 
 
@@ -217,6 +221,7 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config:
     for draft in drafts:
         if draft.table is not None and draft.network is not None:
             draft.network = heated(draft.network, draft.table, whereabouts, draft.place, problems)
+    shared(drafts, problems)
     options = [check_zone(draft, {name: kind for name, (kind, _) in known.items()}, problems) for draft in drafts]
     check_weather(weather, drafts, problems)
     if raw_zones:

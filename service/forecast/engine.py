@@ -25,6 +25,7 @@ from service.forecast.learned import model_draws
 from service.forecast.plan import Inputs, column
 from service.forecast.planned import PlannedZone
 from service.forecast.request import Detail
+from service.forecast.shares import Shares
 from service.records.fan import CompactOutputPayload, Fan
 from service.records.outlook import InputOrigin, Outlook, Weather
 from service.records.update import Update
@@ -134,12 +135,12 @@ def _inputs(zone: PlannedZone, weather: Weather, neighbours: Mapping[str, Neighb
     """The inputs of the steps: as planned, otherwise those of the neighbours, otherwise as foreseen."""
     standing, planned, grid = zone.standing, zone.planned, zone.grid
     foreseen = zone.worker.foresight.outlook(standing.update.forecast, standing.day, grid.steps, weather)
-    rows, origins = foreseen.rows.copy(), list(foreseen.origins)
+    rows, origins, own = foreseen.rows.copy(), list(foreseen.origins), Shares.of(zone.worker).medians
     for place, channel in enumerate(zone.network.inputs):
         if channel in planned:
             values = column(planned[channel], grid)
             known = ~np.isnan(values)
-            rows[known, place] = values[known]
+            rows[known, place] = values[known] / own[place]
             quality = Quality.GOOD if known.all() else Quality.UNCERTAIN
             origins[place] = InputOrigin(channel, "plan", "", float("nan"), quality)
         elif channel in neighbours:

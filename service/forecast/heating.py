@@ -26,6 +26,7 @@ from service.forecast.engine import GIVEN_UP
 from service.forecast.plan import Grid, Values, column
 from service.forecast.planned import PlannedZone
 from service.forecast.request import MAX_STEPS
+from service.forecast.shares import Shares
 from service.records.outlook import SET_POINTS, Weather
 from service.records.trust import LEARNING, UNTRUSTED, Trust
 from service.zone.worker import Standing, ZoneWorker
@@ -258,6 +259,7 @@ class _Futures:
         self.setpoint = float(thermostat.setpoint)
         """The set-point now [degC]."""
         self.grid = self._zone.grid
+        self._shares, self._columns = Shares.of(worker), thermostat.laws.column.astype(np.int64)
         outlook = worker.foresight.outlook(standing.update.forecast, standing.day, steps, weather)
         self._ahead, self._given_up = self._zone.ahead(outlook), given_up
 
@@ -272,7 +274,8 @@ class _Futures:
             raise ServiceError(GIVEN_UP)
         fan = self._zone._replace(planned={} if setpoints is None else {SET_POINTS: setpoints}).with_law(self._ahead)
         assert fan is not None, "a law is known"
-        return fan
+        own = self._shares.sampled(self._columns, len(fan.heat.values))
+        return fan._replace(heat=fan.heat._replace(values=fan.heat.values * own[:, None]))
 
 
 def _trust(worker: ZoneWorker, grid: Grid) -> str:

@@ -21,6 +21,7 @@ from service.forecast.answers import (
     QuantityPayload,
     Range,
 )
+from service.forecast.shares import Shares, in_own_watts
 from service.records.outlook import Weather
 from service.records.skill import Skill
 from service.zone.worker import Standing, ZoneWorker
@@ -45,7 +46,7 @@ class ModelQuestion(NamedTuple):
         standing = worker.unstalled
         if standing is None:
             return None
-        drawn, step = model_draws(worker, standing, self.most), worker.period * self.periods
+        drawn, step = in_own_watts(model_draws(worker, standing, self.most)), worker.period * self.periods
         draws, mean = (of(drawn, worker.period, self.periods) for of in (of_draws, of_point))
         network, forecast, gain = worker.network, standing.update.forecast, gain_forecast(draws, _DAY // step)
         gains = [(GAIN, "W")] if draws.state.shape[1] > len(network.nodes) else []
@@ -110,7 +111,7 @@ class SkillQuestion(NamedTuple):
 
 def learned_laws(worker: ZoneWorker) -> tuple[LearnedLaw, ...]:
     """The laws of the thermostat; none where none is known."""
-    laws, found = worker.carried.thermostat.laws, []
+    laws, found, shares = worker.carried.thermostat.laws, [], Shares.of(worker)
     for place, column in enumerate(laws.column.astype(int).tolist()):
         mean, spread = laws.numbers[place], 1.96 * np.sqrt(np.diagonal(laws.covariance[place]))
         # Power and band are no less than nothing.
@@ -118,6 +119,11 @@ def learned_laws(worker: ZoneWorker) -> tuple[LearnedLaw, ...]:
         power, offset, band = (
             Range(*each) for each in zip(mean.tolist(), lower.tolist(), (mean + spread).tolist(), strict=True)
         )
+        own, unsure = float(shares.medians[column]), 1.96 * float(shares.spreads[column])
+        if unsure:
+            # Both are unsure by a factor.
+            unsure = float(np.exp(np.hypot(unsure, np.log(power.upper / power.mean))))
+            power = Range(power.mean * own, power.mean * own / unsure, power.mean * own * unsure)
         found.append(
             LearnedLaw(
                 channel=worker.network.inputs[column],

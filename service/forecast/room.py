@@ -23,6 +23,7 @@ from estimator.network.discretise import heat_loss
 from estimator.network.network import Network
 from service.forecast.answers import Room, RoomAnswer, ToDo
 from service.forecast.looking_back import last_day, lost_heat, warming_up
+from service.forecast.shares import Shares
 from service.records.outlook import Weather
 from service.records.series import GAIN, Series
 from service.records.trust import UNTRUSTED, Trust
@@ -263,7 +264,7 @@ def _pace(worker: ZoneWorker, standing: Standing) -> Iterator[RoomAnswer]:
             f"Without heating, sun and people it cools by {fall[1]:.1f} K in {_COOLING} h at the weather of now; {sure}"
         )
     yield RoomAnswer("cooling", sentence, "K", *fall[[1, 0, 2]].tolist())
-    power, rise = float(full[heat].sum()), float(warm[-1][1] - cold[hour][1])
+    power, rise = float((full * Shares.of(worker).medians)[heat].sum()), float(warm[-1][1] - cold[hour][1])
     if power > 0.0 and rise >= _FELT:
         sentence = f"An hour of full heating ({amount(power)} W) makes it {rise:.1f} K warmer than an hour without"
         yield RoomAnswer("heating", sentence, "K", rise)
@@ -336,7 +337,7 @@ def _heat_answer(elsewhere: _Elsewhere, sun: Array, people: Array) -> RoomAnswer
 def _energy(worker: ZoneWorker, past: Past, loss: Array | None, doubt: str) -> Iterator[RoomAnswer]:
     """What the heating used, and what 1 K less would have saved: the loss of 1 K, but no more than a day used."""
     heat = _heating(worker.network)
-    power = np.nansum(past.inputs[:, heat], axis=1)
+    power = np.nansum((past.inputs * Shares.of(worker).medians)[:, heat], axis=1)
     days = (past.times // _DAY).astype(np.int64)
     used = np.bincount(days - days[0], power * past.step / 3.6e6)
     total, length = float(used.sum()), len(past.times) * past.step / _DAY

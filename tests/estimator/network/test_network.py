@@ -108,6 +108,16 @@ def test_solar_adds_a_channel_and_a_free_aperture():
         sunny.with_solar("T_i", SOLAR_APERTURE)
 
 
+def test_a_meter_of_several_zones_has_a_learned_share():
+    shared = network("titeth").with_share("u_heat", 0.2).validate()
+    assert shared.shares == {"u_heat": len(shared.parameters) - 1}
+    assert (shared.free[-1].name, shared.free[-1].typical, shared.free[-1].upper) == ("share_u_heat", 0.2, 1.0)
+    assert shared.with_share("u_heat", 0.5) == network("titeth").with_share("u_heat", 0.5)
+    assert network("titeth").shares == {}
+    with pytest.raises(NetworkError, match="has gains of 'u_heat' of its own"):
+        network("m5").with_share("u_heat", 0.2)
+
+
 def test_fixing_a_parameter_leaves_the_others_free():
     fixed = network("building-67").with_fixed(["C_i", "C_h", "C_s", "g_is"])
     assert [p.name for p in fixed.free] == ["C_m", "C_e", "g_im", "g_ie", "g_ih", "g_e_out"]

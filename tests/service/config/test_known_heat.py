@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.config_samples import SUN, changed, learned
+from support.config_samples import SUN, changed, learned, sound, write
 
 from estimator.network.boxes import TYPICAL_AREA
 from estimator.network.presets import automatic
@@ -15,6 +15,7 @@ from service.config.fitting import fingerprint, make_worker
 from service.config.known_heat import usually_heated
 from service.config.load import load
 from service.config.site import Config
+from service.config.written import effective_toml
 
 PLACE = {"latitude": 47.67, "longitude": 9.17, "time_zone": "Europe/Berlin"}
 
@@ -114,3 +115,32 @@ def test_the_worker_knows_the_heat_of_its_zone(tmp_path: Path) -> None:
     assert known["sun_west"] > known["sun_east"] == 0.0
     assert known["habit_15"] == pytest.approx(1 - 2.5 / 60 / 3)
     assert known["habit_weekend_15"] == 0.0
+
+
+def shared(folder: Path, share: str | float = "boiler", **living: Any) -> Config:
+    """The sample in which both zones read one heat meter."""
+    tables = sound(folder)
+    for zone in tables["zones"]:
+        zone["channels"]["u_heat"]["share"] = share
+    tables["zones"][0] |= living
+    return load(write(folder, tables))
+
+
+def test_zones_that_read_one_meter_have_equal_shares_or_those_of_their_floors(tmp_path: Path) -> None:
+    def likely(config: Config) -> list[float | None]:
+        return [zone.network.parameter("share_u_heat").typical for zone in config.zones]
+
+    equal = shared(tmp_path)
+    assert likely(equal) == [0.5, 0.5]
+    assert likely(shared(tmp_path, floor_area=30.0)) == [0.5, 0.5], "the floor area of the other is not known"
+    tables = sound(tmp_path)
+    for zone, area in zip(tables["zones"], (30.0, 10.0), strict=True):
+        zone["channels"]["u_heat"]["share"], zone["floor_area"] = "boiler", area
+    assert likely(load(write(tmp_path, tables))) == [0.75, 0.25]
+    few = shared(tmp_path, 0.2)
+    assert likely(few) == [0.2, 0.2]
+    assert [fingerprint(zone) for zone in few.zones] == [fingerprint(zone) for zone in equal.zones], "state is kept"
+    (tmp_path / "again.toml").write_text(effective_toml(equal), encoding="utf-8")
+    again = load(tmp_path / "again.toml")
+    assert [fingerprint(zone) for zone in again.zones] == [fingerprint(zone) for zone in equal.zones]
+    assert likely(again) == [0.5, 0.5]
