@@ -34,10 +34,11 @@ class Amounts(NamedTuple):
         """(B,)."""
         return np.asarray((self.values * self.weights).sum(axis=0), dtype=np.float64)
 
-    def stretched(self, scales: Array) -> Amounts:
-        """The same with every distance from the mean of a span `scales` (B,) times as long, and nothing below 0."""
+    def stretched(self, scales: Array, least: float = 0.0) -> Amounts:
+        """The same with every distance from the mean of a span `scales` (B,) times as long, and nothing below
+        `least`."""
         mean = self.mean()
-        return self._replace(values=np.maximum(mean + scales * (self.values - mean), 0.0))
+        return self._replace(values=np.maximum(mean + scales * (self.values - mean), least))
 
     def quantiles(self, levels: Array) -> Array:
         """(B, L): the smallest value at which the weights add up to each of `levels` (L,)."""

@@ -205,14 +205,18 @@ class CompareQuestion(NamedTuple):
         futures = _Futures(worker, standing, weather, self.steps, given_up)
         planned = [futures.planned(course.setpoints) for course in self.courses]
         price = None if self.price is None else column(self.price, futures.grid)
-        found = [_Outcome.of(futures.under(setpoints), planned[0], worker.period, price) for setpoints in planned]
-        named = list(zip(self.courses, found, strict=True))
+        fans = [futures.under(setpoints) for setpoints in planned]
+        found = [_Outcome.of(fan, planned[0], worker.period, price) for fan in fans]
+        alone = [one.stretched(fan.energy_scales[-1:]) for one, fan in zip(found, fans, strict=True)]
         return Comparison(
             issue_time=standing.update.forecast.issue_time,
             trust=_trust(worker, futures.grid),
             horizon_s=float(self.steps * worker.period),
-            plans=[PlanOutcome(course.name, *one.ranges()) for course, one in named],
-            differences=[PlanOutcome(course.name, *one.less(found[0]).ranges()) for course, one in named[1:]],
+            plans=[PlanOutcome(course.name, *one.ranges()) for course, one in zip(self.courses, alone, strict=True)],
+            differences=[
+                PlanOutcome(course.name, *one.less(found[0]).ranges())
+                for course, one in zip(self.courses[1:], found[1:], strict=True)
+            ],
         )
 
 
@@ -232,6 +236,12 @@ class _Outcome(NamedTuple):
             # The means of the mixtures after the first are the temperatures of the futures.
             answers.below(fan.outputs.means[1:, 0].T, setpoints, fan.outputs.weights[1:], period, COLD),
         )
+
+    def stretched(self, scale: Array) -> _Outcome:
+        """As wide as energies of plans proved to be. What differs between two plans has no such record."""
+        # A price may be negative.
+        cost = None if self.cost is None else self.cost.stretched(scale, -np.inf)
+        return self._replace(energy=self.energy.stretched(scale), cost=cost)
 
     def less(self, other: _Outcome) -> _Outcome:
         """The difference to `other`, of the same futures under another plan."""

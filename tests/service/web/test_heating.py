@@ -97,6 +97,9 @@ def test_demand_and_what_if(app: FastAPI) -> None:
     (difference,) = compared["differences"]
     assert difference["energy"]["upper"] < 0.0
     assert difference["cost"]["mean"] == pytest.approx(0.3 * difference["energy"]["mean"])
+    # A plan alone comes to what the demand under it is.
+    alone = post(app, "/zones/house/demand", {"horizon": "6h", "T_set": 21}).json()["total"]
+    assert compared["plans"][0]["energy"] == pytest.approx(alone, rel=1e-9)
 
 
 def test_the_demand_of_a_site_adds_up_the_zones_that_can_say(app: FastAPI) -> None:
