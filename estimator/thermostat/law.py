@@ -66,6 +66,9 @@ _FARTHEST = 4.5
 LITTLE, MUCH = 0.1, 0.5
 """Shares of its power below which next to nothing came, and above which most of it did."""
 
+_NOTHING, _SELDOM, _FEW = 0.02, 0.05, 20
+"""Share of the power of a heater that is off; share of the times that may be shorter than the shortest; and fewest."""
+
 _SDS = (0.01, 0.02, 0.02)
 """Smallest standard deviations: of the power, relative to it, and of offset and band [K]."""
 
@@ -135,6 +138,28 @@ def clear(numbers: Array, x: Array, margin: float = _MARGIN) -> tuple[npt.NDArra
     """(n,), (n,): where a law with `numbers` calls for all of its power without doubt, and where for none."""
     _, offset, band = numbers.tolist()
     return x > offset + 0.5 * band + margin, x < offset - 0.5 * band - margin
+
+
+def shortest_times(laws: Laws, place: int, memory: Memory, period: float) -> tuple[float, float]:
+    """The shortest times [s] that the on-off law `place` left its heat on, and off, but for one in twenty: its minimum
+    times are no longer. `memory`, in order, is of samples every `period` s; NaN for a proportional law, and where too
+    few times are remembered as a whole, as of samples that come more often than every 5 min."""
+    if not laws.switching[place] or not len(memory.times):
+        return np.nan, np.nan
+    column, power = int(laws.column[place]), laws.numbers[place, 0]
+    times, first = np.unique(np.concatenate([memory.times, memory.times - period]), return_index=True)
+    share = laws.sign[place] * np.concatenate([memory.inputs[:, column], memory.before[:, column]])[first] / power
+    times, share = times[np.isfinite(share)], np.clip(share[np.isfinite(share)], 0.0, 1.0)
+    apart = np.diff(times) != period
+    found = []
+    for part in (share, 1.0 - share):
+        there = part > _NOTHING
+        begins = np.flatnonzero((there[1:] != there[:-1]) | apart) + 1
+        # The first and the last run may have been longer, and so may those beside a gap.
+        whole = there[begins[:-1]] & ~apart[begins[:-1] - 1] & ~apart[begins[1:] - 1]
+        lengths = np.add.reduceat(part, begins)[:-1][whole] if len(begins) else np.empty(0)
+        found.append(period * float(np.quantile(lengths, _SELDOM)) if len(lengths) >= _FEW else np.nan)
+    return found[0], found[1]
 
 
 def _cools(network: Network, channel: str) -> bool:

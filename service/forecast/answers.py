@@ -29,6 +29,8 @@ class LearnedLaw:
     band: Range = shown("K over which it goes from nothing to all; of an on-off law its hysteresis")
     explained: Number = shown("share of the variance of the heat that the law explains")
     days: int = shown("days that it was learned from")
+    shortest_on: Number = shown("min, on-off: the shortest that it stayed on, but for one time in 20", default=math.nan)
+    shortest_off: Number = shown("min, on-off: the same of staying off; null where not known", default=math.nan)
 
 
 @record

@@ -10,6 +10,8 @@ import numpy as np
 from estimator.arrays import Array
 from estimator.statespace.matrices import StateSpace, of_draws, of_point
 from estimator.statespace.simulate import gain_forecast
+from estimator.thermostat.law import shortest_times
+from estimator.thermostat.memory import in_order
 from estimator.types import ModelDraws, ParameterSummary
 from service.errors import NoModel
 from service.forecast.answers import (
@@ -111,7 +113,10 @@ class SkillQuestion(NamedTuple):
 
 def learned_laws(worker: ZoneWorker) -> tuple[LearnedLaw, ...]:
     """The laws of the thermostat; none where none is known."""
-    laws, found, shares = worker.carried.thermostat.laws, [], Shares.of(worker)
+    thermostat, found, shares = worker.carried.thermostat, [], Shares.of(worker)
+    laws, memory = thermostat.laws, thermostat.memory
+    if len(laws.column):
+        memory = in_order(memory, float(np.nanmax(memory.times)))
     for place, column in enumerate(laws.column.astype(int).tolist()):
         mean, spread = laws.numbers[place], 1.96 * np.sqrt(np.diagonal(laws.covariance[place]))
         # Power and band are no less than nothing.
@@ -124,6 +129,7 @@ def learned_laws(worker: ZoneWorker) -> tuple[LearnedLaw, ...]:
             # Both are unsure by a factor.
             unsure = float(np.exp(np.hypot(unsure, np.log(power.upper / power.mean))))
             power = Range(power.mean * own, power.mean * own / unsure, power.mean * own * unsure)
+        on, off = shortest_times(laws, place, memory, worker.period)
         found.append(
             LearnedLaw(
                 channel=worker.network.inputs[column],
@@ -134,6 +140,8 @@ def learned_laws(worker: ZoneWorker) -> tuple[LearnedLaw, ...]:
                 band=band,
                 explained=float(laws.explained[place]),
                 days=int(laws.days[place]),
+                shortest_on=on / 60.0,
+                shortest_off=off / 60.0,
             )
         )
     return tuple(found)

@@ -8,7 +8,7 @@ from estimator.network.presets import network
 from estimator.statespace.matrices import of_draws
 from estimator.statespace.simulate import sampled_paths
 from estimator.thermostat.closed_loop import LawRoom, course, course_of
-from estimator.thermostat.law import Laws, called, identified, no_laws
+from estimator.thermostat.law import Laws, called, identified, no_laws, shortest_times
 from estimator.thermostat.memory import in_order, no_memory, remembered
 from estimator.types import ModelDraws
 
@@ -112,6 +112,27 @@ def test_the_law_of_a_heater_is_recovered_with_its_interval(truth):
     assert (np.abs(found.numbers[0] - truth.numbers[0]) <= 3.0 * sds).all()
     assert (sds <= [250.0, 0.1, 0.15]).all()
     assert found.explained[0] > 0.8
+
+
+@pytest.mark.parametrize("length", [300, 600])
+def test_the_minimum_times_of_a_relay_are_bounded_by_the_shortest_that_were_seen(length):
+    """It stays on for 20 to 40 min and off for 30 to 60, in samples of their means."""
+    rng, minutes = np.random.default_rng(3), []
+    while len(minutes) < 14 * 1440:
+        minutes += [6000.0] * rng.integers(20, 41) + [0.0] * rng.integers(30, 61)
+    heat = np.array(minutes[: 14 * 1440]).reshape(-1, length // 60).mean(axis=1)
+    memory, before = no_memory(2), np.full(2, np.nan)
+    for k, watts in enumerate(heat):
+        row = np.array([3.0, watts])
+        memory = remembered(memory, k * length, length, 20.0, 20.0, row, before)
+        before = row
+    memory = in_order(memory, 14 * 86400.0)
+    on, off = shortest_times(ON_OFF, 0, memory, float(length))
+    assert 19.0 * 60.0 <= on <= 24.0 * 60.0
+    assert 29.0 * 60.0 <= off <= 35.0 * 60.0
+    assert np.isnan(shortest_times(PROPORTIONAL, 0, memory, float(length))).all()
+    assert np.isnan(shortest_times(ON_OFF, 0, no_memory(2), float(length))).all()
+    assert np.isnan(shortest_times(ON_OFF, 0, memory, 60.0)).all(), "not every minute of it is remembered"
 
 
 def test_heating_and_cooling_in_one_zone_are_two_laws():
