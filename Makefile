@@ -6,6 +6,9 @@ BIN := $(VENV)/bin
 JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
 FUZZ_TIMES ?= 100
 
+# Tests start hundreds of processes: without compiled modules each would compile the project, as images often have it.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet demo-state home-assistant addon image image-test arm64 soak audit fuzz attack screenshots golden lock release clean help
 
 help:  ## what there is to make
