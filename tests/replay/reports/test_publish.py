@@ -180,6 +180,20 @@ def test_a_report_in_german_leaves_no_sentence_in_english(replayed, tmp_path, ca
     assert "Was die Vorhersagen wert waren" in capsys.readouterr().out
 
 
+def test_every_time_is_that_of_the_site(replayed, tmp_path):
+    (trace,) = replayed[1]
+    drawn = []
+    for name in (None, "Asia/Tokyo"):
+        publish_report("site", [trace._replace(time_zone=name)], tmp_path)
+        page = (tmp_path / "report.html").read_text()
+        drawn.append(np.array(Page(page).plots[1]["data"][0]["x"][:2], dtype="datetime64[m]"))
+    assert (drawn[1] - drawn[0] == np.timedelta64(9, "h")).all()
+    assert "Times are those of Asia/Tokyo" in page
+    first = trace._replace(time_zone="Asia/Tokyo").moment(trace.rows[0].time)
+    assert first in page
+    assert trace.moment(trace.rows[0].time) not in page
+
+
 def test_a_set_point_is_drawn_and_changes_no_forecast(tmp_path):
     settings = [f'zones.{ZONE}.estimator="arx"', f"zones.{ZONE}.estimator_options={{}}"]
     meant = 'setpoint={source="simulation",column="T_i",unit="degC"}'
