@@ -49,7 +49,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, list
 
 def commands() -> str:
     page = (ROOT / "docs" / "control.md").read_text(encoding="utf-8")
-    return page.partition("## evcc")[2].partition("```sh\n")[2].partition("```")[0]
+    return page.partition("## evcc")[2].partition("```console\n")[2].partition("```")[0]
 
 
 def run(words: str, place: str) -> subprocess.CompletedProcess[str]:
