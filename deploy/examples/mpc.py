@@ -536,7 +536,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--url", default="http://127.0.0.1:8080", help="where the daemon serves")
     parser.add_argument("--key", help="API key, if the daemon wants one")
     parser.add_argument("--times", type=int, default=0, help="how many looks; 0: for ever")
-    parser.add_argument("--zone", required=True, nargs="+", help="zones that are heated, NAME=W for another power")
+    parser.add_argument("--zone", type=_heated, required=True, nargs="+", help="zones that are heated, NAME or NAME=W")
     parser.add_argument("--limit", type=float, default=math.inf, help="W that all rooms together may take")
     parser.add_argument("--cop", type=_performance, nargs="+", default=DIRECT.cop, help="heat per W: COP@degC outdoors")
     for one in fields(Settings)[1:]:
@@ -544,10 +544,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.add_argument(f"--{one.name}", type=type(one.default), default=one.default, help=told)
     given = vars(parser.parse_args(arguments))
     common = {one.name: given[one.name] for one in fields(Settings)[1:]}
-    named = (zone.partition("=") for zone in given["zone"])
-    rooms = [
-        Controlled(Settings(zone, **(common | ({"power": float(power)} if power else {})))) for zone, _, power in named
-    ]
+    named = ((zone, common if power is None else common | {"power": power}) for zone, power in given["zone"])
+    rooms = [Controlled(Settings(zone, **own)) for zone, own in named]
     ask, plant = rest(given["url"], given["key"]), Plant(given["limit"], sorted(given["cop"]))
     for count in itertools.count(1):
         look(ask, rooms, plant, time.monotonic())
@@ -557,12 +555,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _heated(word: str) -> tuple[str, float | None]:
+    """The zone and the power [W] of `NAME=W`, or of `NAME`."""
+    zone, _, power = word.partition("=")
+    try:
+        return zone, float(power) if power else None
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{word} is no zone with its power, such as living=2000") from error
+
+
 def _performance(word: str) -> tuple[float, float]:
     """Outdoor temperature and COP of `COP@degC`."""
-    cop, _, outdoor = word.partition("@")
-    if not float(cop) > 0.0:
-        raise ValueError
-    return float(outdoor), float(cop)
+    try:
+        cop, outdoor = map(float, word.split("@"))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{word} is no COP at an outdoor temperature, such as 3.4@2") from error
+    if not cop > 0.0:
+        raise argparse.ArgumentTypeError(f"{word}: the COP must be above 0")
+    return outdoor, cop
 
 
 class Controlled:

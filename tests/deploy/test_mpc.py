@@ -315,6 +315,13 @@ def test_it_runs_against_a_daemon(mpc: ModuleType, daemon_ended: Any, capsys: py
     assert told.out == ""
     assert "no decision (nothing is measured" in told.err
     assert "the plant's own thermostat has to heat" in told.err
+    for words, gist in ((["--zone", "a=b"], "a=b is no zone with its power"),
+                        (["--zone", "a", "--cop", "3"], "3 is no COP at an outdoor temperature"),
+                        (["--zone", "a", "--cop", "-3@2"], "expected at least one argument"),
+                        (["--zone", "a", "--cop", "0@2"], "the COP must be above 0")):  # fmt: skip
+        with pytest.raises(SystemExit):
+            mpc.main(words)
+        assert gist in capsys.readouterr().err
     with pytest.raises(SystemExit):
         mpc.main(["--help"])
     assert "the heater's largest power, W (default 2000.0)" in " ".join(capsys.readouterr().out.split())
