@@ -13,6 +13,7 @@ import os
 import sys
 import threading
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -20,6 +21,8 @@ from copy import copy
 from pathlib import Path
 from types import TracebackType
 from typing import TextIO
+
+from pydantic.warnings import UnsupportedFieldAttributeWarning
 
 from adapters.fields.times import written_time, written_to_the_millisecond
 from service.config.log import LEVELS, LogConfig
@@ -56,6 +59,8 @@ def configure_logging(config: LogConfig | None = None) -> None:
     handler.setLevel(LEVELS[config.level])
     logging.basicConfig(level=LEVELS[config.level], handlers=[handler], force=True)
     logging.captureWarnings(True)
+    # FastAPI ignores these itself, which fails where another thread changes the filters at the same time.
+    warnings.simplefilter("ignore", UnsupportedFieldAttributeWarning)
     threading.excepthook = _thread_died
     # The daemon says itself where it serves and when it stops.
     logging.getLogger("uvicorn").setLevel(logging.WARNING)

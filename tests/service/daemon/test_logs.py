@@ -5,6 +5,9 @@ import json
 import logging
 import os
 import threading
+import warnings
+
+from pydantic.warnings import UnsupportedFieldAttributeWarning
 
 from service.config.log import LogConfig
 from service.daemon.logs import JsonFormatter, LimitedHandler, PlainFormatter, Prefixed, configure_logging, one_line
@@ -144,3 +147,15 @@ def test_the_journal_is_known_by_its_stream(restored, monkeypatch, tmp_path):
         first, second = stream.read().splitlines()
     assert first == "<4>WARNING seen"
     assert second.endswith("Z WARNING seen")
+
+
+def test_a_warning_of_a_library_to_its_own_authors_is_not_the_operators(restored, capfd):
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        configure_logging(LogConfig())
+        warnings.warn("for FastAPI", UnsupportedFieldAttributeWarning, stacklevel=1)
+        warnings.warn("for everybody", UserWarning, stacklevel=1)
+        logging.captureWarnings(False)
+    told = capfd.readouterr().err
+    assert "for everybody" in told
+    assert "for FastAPI" not in told
