@@ -68,14 +68,18 @@ flag = check(lambda value: value if isinstance(value, bool) else None, "must be 
 number = check(number_in, "must be a number, without quotes, not {}")
 positive = check(lambda value: found if (found := number(value)) > 0 else None, "must be greater than 0, not {}")
 non_zero = check(lambda value: number(value) or None, "must not be 0, which would make every reading the same")
+
+
+def _meter_or_share(value: object) -> str | float | None:
+    """A name or a share; None for neither."""
+    if isinstance(value, str):
+        return value or None
+    found = number_in(value)
+    return found if found is not None and 0.001 <= found <= 1 else None
+
+
 share = check(
-    lambda value: (
-        value
-        if isinstance(value, str) and value
-        else found
-        if 0.001 <= (found := number_in(value) or 0.0) <= 1
-        else None
-    ),
+    _meter_or_share,
     'must be the name of a meter in quotes, such as "boiler", or a number from 0.001 to 1, not {}',
     "text, or 0.001 to 1",
 )

@@ -153,6 +153,18 @@ class View(NamedTuple):
     """No further."""
 
 
+class Wish(NamedTuple):
+    """What a plan of n steps is to bring about in a room."""
+
+    moved: Array
+    """(n, n): what a W in each step (column) does after each step (row) [K]."""
+    free: Array
+    """(n,): temperatures without heating [degC]."""
+    low: Array
+    high: Array
+    """(n,): what is to be kept [degC]."""
+
+
 def nothing_known(steps: int) -> Mapping[str, Mapping[str, Sequence[float]]]:
     """Weather and neighbours are left to Thermogate."""
     return {}
@@ -405,15 +417,16 @@ def decide_together(
                 except FAILURES as error:
                     fall_back(place, error)
             taken = _allotted(rooms, found, plant.limit * heat[0]) / heat[0]
+            wishes = {place: _wish(rooms[place], view, *looks[place], asked[place]) for place, view in views.items()}
             if views:
-                powers = _planned(rooms, views, looks, asked, prices, plant.limit, taken, heat)
+                powers = _planned(rooms, views, wishes, prices, plant.limit, taken, heat)
     except FAILURES as error:
         for place in tuple(views):
             fall_back(place, error)
         # Nobody knows how much heat the plant gives: as much as in the worst case.
         _allotted(rooms, found, plant.limit * min(each for _, each in plant.cop))
     for place, view in views.items():
-        found[place] = _told(rooms[place], view, looks[place], asked[place], powers[place])
+        found[place] = _told(rooms[place], view, looks[place], wishes[place], asked[place], powers[place])
     return [found[place] for place in range(len(rooms))]
 
 
@@ -478,15 +491,13 @@ def _allotted(rooms: Sequence[Room], found: dict[int, Decision], heat: float) ->
 def _planned(
     rooms: Sequence[Room],
     views: Mapping[int, View],
-    looks: Mapping[int, tuple[Forecast, Array]],
-    asked: Mapping[int, Array],
+    wishes: Mapping[int, Wish],
     prices: Callable[[int], Sequence[float]],
     limit: float,
     taken: float,
     heat: Array,
 ) -> dict[int, Array]:
-    """The powers of the rooms in `views` around those `asked`; of the `limit`, others have `taken` for an hour [W]."""
-    wishes = {place: _wish(rooms[place], view, *looks[place], asked[place]) for place, view in views.items()}
+    """The powers of the rooms in `views` by their `wishes`; of the `limit`, others have `taken` for an hour [W]."""
     steps = np.concatenate([np.arange(view.steps) for view in views.values()])
     price = np.concatenate([prices(view.steps) for view in views.values()]) / heat[steps]
     most = np.concatenate([np.full(view.steps, rooms[place].settings.power) for place, view in views.items()])
@@ -496,38 +507,34 @@ def _planned(
         ahead = np.arange(len(heat))
         left = np.where(ahead * step < SHORTEST, max(limit - taken, 0.0), limit)
         shared = (steps == ahead[:, None]) / heat[:, None], left
+    moved = block_diag(*(wish.moved for wish in wishes.values()))
     free, low, high = (np.concatenate(parts) for parts in zip(*(wish[1:] for wish in wishes.values()), strict=True))
-    powers = plan(block_diag(*(wish[0] for wish in wishes.values())), free, low, high, price, most, step / HOUR, shared)
+    powers = plan(moved, free, low, high, price, most, step / HOUR, shared)
     ends = np.cumsum([view.steps for view in views.values()])
     return dict(zip(views, np.split(powers, ends[:-1]), strict=True))
 
 
-def _response(now: Forecast, effect: Array, steps: int) -> Array:
-    """(n, n): what a W in each step (column) does after each step (row) [K], of its `effect` over the first one."""
-    return np.asarray(toeplitz(effect[:: now.every][1:], np.zeros(steps)), dtype=float)
-
-
-def _wish(room: Room, view: View, now: Forecast, effect: Array, asked: Array) -> tuple[Array, Array, Array, Array]:
-    """Response, temperatures without heating, and the band that a plan is to keep."""
+def _wish(room: Room, view: View, now: Forecast, effect: Array, asked: Array) -> Wish:
+    """By the forecast `now` under the powers `asked`, and the `effect` of a W over the first step."""
     settings, steps = room.settings, view.steps
     mean, sd = (values[:: now.every] for values in (now.mean, now.sd))
-    moved = _response(now, effect, steps)
+    moved = np.asarray(toeplitz(effect[:: now.every][1:], np.zeros(steps)), dtype=float)
     sure = settings.sure * (2.0 if view.trust == "doubtful" else 1.0)
     wanted = np.minimum(room.lowest(steps) + sure * sd[0], settings.high)
     until = np.minimum(np.arange(1, steps + 1), round(SHORTEST / settings.step))
-    return moved, mean[1:] - moved @ asked, wanted, np.maximum(settings.high - sure * sd[until], wanted)
+    return Wish(moved, mean[1:] - moved @ asked, wanted, np.maximum(settings.high - sure * sd[until], wanted))
 
 
-def _told(room: Room, view: View, look: tuple[Forecast, Array], asked: Array, powers: Array) -> Decision:
+def _told(room: Room, view: View, look: tuple[Forecast, Array], wish: Wish, asked: Array, powers: Array) -> Decision:
     """The decision of a plan that was made around `asked`."""
     (now, effect), step = look, room.settings.step
-    moved, free, wanted, _ = _wish(room, view, now, effect, asked)
     first = slice(0, now.every + 1)
     then = f"; then {view.why}" if view.why else ""
     reason = f"planned {view.steps * step / HOUR:.0f} h ahead from {now.valid_time}, {view.trust}{then}"
     path = now.mean[first] + (powers[0] - asked[0]) * effect[first]
-    start, low, per_watt = seconds(now.valid_time), float(wanted[0]), float(moved[0, 0])
-    return Decision(float(powers[0]), "plan", reason, powers, free + moved @ powers, start, path, low, per_watt)
+    temperatures = wish.free + wish.moved @ powers
+    start, low, per_watt = seconds(now.valid_time), float(wish.low[0]), float(wish.moved[0, 0])
+    return Decision(float(powers[0]), "plan", reason, powers, temperatures, start, path, low, per_watt)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
