@@ -128,9 +128,7 @@ class Writer(Sink):
             for topic, document in announcement.lasting.items():
                 self._waiting.append(_Waiting(topic, document, time.time()))
                 self._held += len(document)
-            while self._held > MOST_WAITING:
-                self._held -= len(self._waiting.popleft().document)
-                self._dropped += 1
+            self._drop_the_oldest()
             self._news.notify()
 
     def measures(self) -> list[Measure]:
@@ -159,6 +157,7 @@ class Writer(Sink):
                 with self._news:
                     self._waiting.extendleft(reversed(batch))
                     self._held += sum(len(one.document) for one in batch)
+                    self._drop_the_oldest()
                 if self._closing.wait(pause.seconds):
                     return
                 pause.grow()
@@ -181,6 +180,12 @@ class Writer(Sink):
                 size += len(batch[-1].document)
             self._held -= size
         return batch
+
+    def _drop_the_oldest(self) -> None:
+        """Keep what waits within its bound; `_news` is held."""
+        while self._held > MOST_WAITING:
+            self._held -= len(self._waiting.popleft().document)
+            self._dropped += 1
 
     def _report(self, reached: bool, sentence: str) -> None:
         """Log `sentence` where it is not as it was."""
