@@ -108,8 +108,8 @@ class Bank:
         self._entries = [[names.index(name) for name in own] for names in named]
         """Where the parameters of every member's network have those of the bank's."""
         self._prior = np.array([prior_at(member.prior, hours) for member in options.members.values()])
-        self._newest: tuple[Any, list[Mixture]] = (), []
-        """Members' states and their `_parts`: a forecast is scored soon after it was published."""
+        self._newest: tuple[BankState | None, list[Mixture], Mixture | None] = None, [], None
+        """A state, its members' forecasts and what is published of them, which are scored soon after."""
 
     @property
     def issue_type(self) -> type[BankState]:
@@ -150,7 +150,7 @@ class Bank:
 
     def predictive(self, state: BankState) -> Mixture:
         """The members' distributions of the outputs (n_y,), weighted and scaled for one step."""
-        return self._whole(state, self._parts(state), self._weights(state))
+        return self._told(state)[1]
 
     def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
         """Quantiles (L,) of one output, by root-finding on the mixture CDF."""
@@ -330,14 +330,16 @@ class Bank:
         scales, reaches = (between(row, self.leads, leads) for row in (state.widths.log_scale, self._reaches(state)))
         return mixed_futures(futures, shares, np.exp(scales), reaches)
 
-    def _parts(self, state: BankState) -> list[Mixture]:
-        """The members' distributions of the sample at the state's time."""
-        members, parts = self._newest
-        if members is not state.members:
+    def _told(self, state: BankState) -> tuple[list[Mixture], Mixture]:
+        """The members' distributions of the sample at the state's time, and what is published of them."""
+        newest, parts, whole = self._newest
+        if newest is not state or whole is None:
             parts = [member.predictive(own) for member, own in zip(self.members, state.members, strict=True)]
             parts = [reduced(part, _COMPONENTS) for part in parts]
-            self._newest = state.members, parts
-        return parts
+            scale, reach = float(np.exp(state.widths.log_scale[0])), float(self._reaches(state)[0])
+            whole = mixed(parts, self._weights(state)[:, 0], scale, reach)
+            self._newest = state, parts, whole
+        return parts, whole
 
     def _weights(self, state: BankState) -> Array:
         """(E, H): what every member weighs at each of `leads`; nothing while it cannot explain the samples."""
@@ -349,10 +351,6 @@ class Bank:
     def _reaches(self, state: BankState) -> Array:
         """(H,): how far from the middle a member may be, by how many forecasts that do not overlap were verified."""
         return 1.0 + state.costs.hours / self._ahead
-
-    def _whole(self, state: BankState, parts: Sequence[Mixture], now: Array) -> Mixture:
-        """What is published of the members' `parts` one step ahead, with the weights `now` (E, H)."""
-        return mixed(parts, now[:, 0], float(np.exp(state.widths.log_scale[0])), float(self._reaches(state)[0]))
 
     def _published(self, due: Due) -> Mixture:
         """What was published of a forecast that is `due`: with the weights, the scale and the reach of its issue."""
@@ -369,8 +367,8 @@ class Bank:
         was published, at the present scale: since then the weights have learned from forecasts of nearly the same
         hours, and the error of the mixture that they would make now is smaller than that of what anybody was told.
         """
-        parts, scales = self._parts(state), np.exp(state.widths.log_scale)
-        told: list[tuple[int, Sequence[Mixture], Mixture]] = [(0, parts, self._whole(state, parts, now))]
+        scales = np.exp(state.widths.log_scale)
+        told: list[tuple[int, Sequence[Mixture], Mixture]] = [(0, *self._told(state))]
         for one, published in zip(due, verified, strict=True):
             horizon = self.leads.index(one.lead)
             whole = stretched(published.mixture, float(scales[horizon] / one.note[-2, horizon]))

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
-from estimator.heat.sun import FACES, Location, Sun, clear_sky, split, sun
+from estimator.arrays import Array, Indices
+from estimator.heat.sun import FACES, Geometry, Location, clear_sky, geometry, split, sun
 from estimator.heat.terms import CLEAR, DIFFUSE, HABIT_HOURS, HORIZONTAL, SUN_HOURS, sun_channel
 from estimator.network.network import Network
 
 _RESOLUTION = 600.0
 """s: the sun is looked at this often within an interval."""
+
+_DAY = 86400
+_DAYS_KEPT = 8
+"""Days of which what depends on the time alone is kept: a sample needs one, a forecast two."""
 
 
 class LocalTime(NamedTuple):
@@ -31,6 +36,20 @@ Calendar = Callable[[Array], LocalTime]
 """Local time at times [UTC s]."""
 
 
+class _Timely(NamedTuple):
+    """What depends on the time alone, of L intervals."""
+
+    light: Geometry
+    clear: Array
+    """(L,): mean horizontal irradiance under a clear sky [W/m2]."""
+    habits: Array
+    """(L, 8): by HABIT_HOURS."""
+    off: Array
+    """(L,): as in `LocalTime`."""
+    shares: Array
+    """(L, 5): by SUN_HOURS."""
+
+
 class KnownHeat:
     """Drive rows of one network. It has no state."""
 
@@ -46,6 +65,7 @@ class KnownHeat:
         self._clear = any(name.startswith(CLEAR) for name in self._series)
         parts = max(1, round(period / _RESOLUTION))
         self._parts = (np.arange(parts) + 0.5) * self._period / parts
+        self._of_day = lru_cache(_DAYS_KEPT)(self._computed_of_day)
 
     def drive(self, times: Array, inputs: Array) -> Array:
         """Rows (L, n_u + m): `inputs` (L, n_u), then f of every term in W per unit of its coefficient.
@@ -55,22 +75,18 @@ class KnownHeat:
         """
         if not self._columns:
             return inputs
-        times = np.asarray(times, dtype=np.float64)
+        timely = self._timely(np.asarray(times, dtype=np.float64))
         known = {HORIZONTAL: np.maximum(inputs[:, self._sun], 0.0)} if self._sun is not None else {}
-        if self._location is not None and (known or self._clear):
-            position = sun(times[:, None] + self._parts, self._location)
-            known |= _light(position, known[HORIZONTAL]) if known else {}
+        if self._location is not None:
+            known |= _light(timely.light, known[HORIZONTAL]) if known else {}
             if self._clear:
-                known |= {CLEAR + name: part for name, part in _light(position, clear_sky(position)).items()}
-        local = self._calendar(times + self._period / 2.0)
-        habits = _periodic_hats(local.hour)
+                known |= {CLEAR + name: part for name, part in _light(timely.light, timely.clear).items()}
         for place, hour in enumerate(HABIT_HOURS):
-            known[f"habit_{hour:02}"] = habits[:, place]
-            known[f"habit_weekend_{hour:02}"] = habits[:, place] * local.off
+            known[f"habit_{hour:02}"] = timely.habits[:, place]
+            known[f"habit_weekend_{hour:02}"] = timely.habits[:, place] * timely.off
         if self._sun is not None:
-            shares = _hats(local.standard_hour)
             for place, hour in enumerate(SUN_HOURS):
-                known[f"sun_{hour:02}"] = shares[:, place] * known[HORIZONTAL]
+                known[f"sun_{hour:02}"] = timely.shares[:, place] * known[HORIZONTAL]
         return np.column_stack([inputs, *(known[self._series[column]] for column in self._columns)])
 
     def row(self, time: float, inputs: Array) -> Array:
@@ -79,10 +95,45 @@ class KnownHeat:
             return inputs
         return self.drive(np.array([time]), inputs[None])[0]
 
+    def _timely(self, times: Array) -> _Timely:
+        """What depends on `times` (L,) alone; computed for a day at once where they lie on the grid of the period."""
+        places, beside = np.divmod(times, self._period)
+        if _DAY % self._period or beside.any() or not len(times):
+            return self._computed(times)
+        slots = round(_DAY / self._period)
+        days, slot = np.divmod(places.astype(np.int64), slots)
+        known = np.unique(days)
+        return _at(_joined([self._of_day(day) for day in known.tolist()]), np.searchsorted(known, days) * slots + slot)
 
-def _light(position: Sun, horizontal: Array) -> dict[str, Array]:
+    def _computed_of_day(self, day: int) -> _Timely:
+        """Of all intervals of the `day`, counted from 1970 in UTC."""
+        return self._computed(day * float(_DAY) + np.arange(0.0, _DAY, self._period))
+
+    def _computed(self, times: Array) -> _Timely:
+        local = self._calendar(times + self._period / 2.0)
+        # Where nobody knows the location, nothing asks for the light.
+        position = sun(times[:, None] + self._parts, self._location or Location(0.0, 0.0))
+        return _Timely(
+            geometry(position), clear_sky(position), _periodic_hats(local.hour), local.off, _hats(local.standard_hour)
+        )
+
+
+def _at(timely: _Timely, places: Indices) -> _Timely:
+    light, *others = timely
+    return _Timely(Geometry(*(rows[places] for rows in light)), *(rows[places] for rows in others))
+
+
+def _joined(each: Sequence[_Timely]) -> _Timely:
+    if len(each) == 1:
+        return each[0]
+    lights, *others = zip(*each, strict=True)
+    joined = Geometry(*(np.concatenate(rows) for rows in zip(*lights, strict=True)))
+    return _Timely(joined, *(np.concatenate(rows) for rows in others))
+
+
+def _light(over: Geometry, horizontal: Array) -> dict[str, Array]:
     """The mean `horizontal` irradiance (L,) [W/m2], and what of it falls on each face and is diffuse."""
-    light = split(position, horizontal)
+    light = split(over, horizontal)
     return {HORIZONTAL: horizontal, DIFFUSE: light.diffuse} | {face: light.beam[face] for face in FACES}
 
 

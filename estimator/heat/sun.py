@@ -88,25 +88,41 @@ def diffuse_fraction(clearness: Array) -> Array:
     return np.where(k <= 0.22, 1.0 - 0.09 * k, np.where(k <= 0.8, middle, 0.165))
 
 
-def split(position: Sun, horizontal: Array) -> Irradiance:
-    """Mean irradiances of L intervals of which the sun is known at S times each (L, S), from the measured mean
-    `horizontal` (L,) [W/m2].
+class Geometry(NamedTuple):
+    """What of the sun's way over L intervals decides how its light falls on planes."""
+
+    height: Array
+    """(L,): mean sine of the elevation, of which a horizontal sensor says something."""
+    outside: Array
+    """(L,): mean horizontal irradiance outside the atmosphere [W/m2]; 1 at night."""
+    beyond: Array
+    """(L,): irradiance there on a plane that faces the sun [W/m2]."""
+    towards: Array
+    """(L, 4): mean share of the beam that falls on vertical planes, by FACES."""
+
+
+def geometry(position: Sun) -> Geometry:
+    """The means over L intervals in which the sun is known at S times each (L, S)."""
+    height = np.where(position.up > 0.0, np.maximum(position.up, _LOWEST), 0.0)
+    mean_height = height.mean(axis=1)
+    shining = position.up > 0.0
+    faces = (position.east, -position.north, -position.east, position.north)
+    return Geometry(
+        height=mean_height,
+        outside=np.where(mean_height > 0.0, (position.beyond * height).mean(axis=1), 1.0),
+        beyond=position.beyond[:, 0],
+        towards=np.column_stack([np.where(shining, np.maximum(part, 0.0), 0.0).mean(axis=1) for part in faces]),
+    )
+
+
+def split(over: Geometry, horizontal: Array) -> Irradiance:
+    """Mean irradiances of L intervals from the measured mean `horizontal` (L,) [W/m2].
 
     The beam is taken to be constant over the interval while the sun is up.
     """
-    horizontal = np.maximum(horizontal, 0.0)
-    height = np.where(position.up > 0.0, np.maximum(position.up, _LOWEST), 0.0)
-    mean_height = height.mean(axis=1)
-    day = mean_height > 0.0
-    outside = np.where(day, (position.beyond * height).mean(axis=1), 1.0)
-    fraction = np.where(day, diffuse_fraction(np.minimum(horizontal / outside, 1.0)), 1.0)
-    normal = np.where(day, (1.0 - fraction) * horizontal / np.where(day, mean_height, 1.0), 0.0)
-    normal = np.minimum(normal, position.beyond[:, 0])
-    towards = {"east": position.east, "south": -position.north, "west": -position.east, "north": position.north}
-    shining = position.up > 0.0
-    return Irradiance(
-        diffuse=fraction * horizontal,
-        beam={
-            face: normal * np.where(shining, np.maximum(part, 0.0), 0.0).mean(axis=1) for face, part in towards.items()
-        },
-    )
+    horizontal, day = np.maximum(horizontal, 0.0), over.height > 0.0
+    fraction = np.where(day, diffuse_fraction(np.minimum(horizontal / over.outside, 1.0)), 1.0)
+    normal = np.where(day, (1.0 - fraction) * horizontal / np.where(day, over.height, 1.0), 0.0)
+    normal = np.minimum(normal, over.beyond)
+    beam = normal[:, None] * over.towards
+    return Irradiance(fraction * horizontal, {face: beam[:, place] for place, face in enumerate(FACES)})

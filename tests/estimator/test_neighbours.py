@@ -96,7 +96,7 @@ def test_a_bank_begins_with_what_the_members_proved_elsewhere_for_some_days():
         # Between where it began and where they are.
         assert ((own[name] - first[name]) * (theirs[name] - first[name]) >= -1e-3).all(), name
     assert state.costs.hours.max() <= 24.0 * DAYS
-    assert np.array_equal(state.widths.log_scale, other.state.widths.log_scale)
+    assert state.widths.log_scale == pytest.approx(other.state.widths.log_scale)
     again = estimator.unpack(estimator.pack(state))
     assert np.array_equal(again.costs.excess, state.costs.excess)
 

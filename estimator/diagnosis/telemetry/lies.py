@@ -300,21 +300,33 @@ def _turned(look: Look) -> Found:
         if len(whole) < 4 or len(new) < day + later or np.isnan(new[-day:]).mean() > 0.2:
             continue
         usual = np.nanmean(whole, axis=0)
-        least = min(-0.35, *(1.5 * _slope(usual, one) for one in whole))
+        least = min(-0.35, 1.5 * float(_slopes(usual[None], whole).min()))
         # A room next door has no day of its own, but it is never as far below zero as it was above.
         before, now, spread = np.nanmean(past), np.nanmean(new[-day:]), np.nanstd(past)
         negative = abs(now + before) <= abs(now - before) + 2.0 * spread
         # The reference ends when the new rows begin: their first slot is the one after a whole day.
-        slopes = [_slope(np.roll(usual, -end % day), new[end - day : end]) for end in (len(new) - later, len(new))]
-        if negative and max(slopes) < least:
+        ends = len(new) - later, len(new)
+        shapes, days = [np.roll(usual, -end % day) for end in ends], [new[end - day : end] for end in ends]
+        if negative and float(_slopes(np.array(shapes), np.array(days)).max()) < least:
             yield SIGN_FLIPPED, column, 24.0
 
 
-def _slope(shape: Array, values: Array) -> float:
-    """How strongly `values` (k,) follow the `shape` (k,) of a day beside a straight line."""
-    design = np.column_stack([np.ones(len(shape)), np.linspace(-1.0, 1.0, len(shape)), shape - np.nanmean(shape)])
-    known = ~np.isnan(values) & ~np.isnan(shape)
-    return float(np.linalg.lstsq(design[known], values[known], rcond=None)[0][2]) if known.sum() > 3 else 0.0
+def _slopes(shapes: Array, values: Array) -> Array:
+    """(d,): how strongly each row of `values` (d, k) follows its shape of a day (d, k) beside a straight line."""
+    known = ~np.isnan(values) & ~np.isnan(shapes)
+    counts = np.maximum(known.sum(axis=1, keepdims=True), 1)
+
+    def centred(rows: Array) -> Array:
+        rows = np.where(known, rows, 0.0)
+        return np.where(known, rows - rows.sum(axis=1, keepdims=True) / counts, 0.0)
+
+    # What a line leaves of the shape, by which the values are weighed (Frisch and Waugh 1933).
+    line, left = centred(np.linspace(-1.0, 1.0, values.shape[1])), centred(shapes)
+    steepness = np.maximum((line * line).sum(axis=1, keepdims=True), 1e-12)
+    left = left - line * (line * left).sum(axis=1, keepdims=True) / steepness
+    square = (left * left).sum(axis=1)
+    found = (left * np.where(known, values, 0.0)).sum(axis=1) / np.maximum(square, 1e-12)
+    return np.where((counts[:, 0] > 3) & (square > 1e-12), found, 0.0)
 
 
 def _misread(look: Look) -> Found:

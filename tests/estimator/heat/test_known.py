@@ -64,6 +64,10 @@ def test_one_row_is_the_row_of_many():
     known = KnownHeat(net, 600.0, calendar, PLACE)
     for k in (0, 50, 200):
         np.testing.assert_array_equal(known.row(times[k], inputs[k]), drive[k])
+    np.testing.assert_array_equal(known.drive(times[::-5], inputs[::-5]), drive[::-5])
+    assert len(known.drive(times[:0], inputs[:0])) == 0
+    # Beside the grid of the period it is nearly the same.
+    assert (np.abs(known.drive(times + 1.0, inputs) - drive) <= 0.01 * drive.max(axis=0)).all()
 
 
 def test_the_sun_goes_from_east_to_west():

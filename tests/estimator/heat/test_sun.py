@@ -5,7 +5,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from estimator.heat.sun import FACES, Location, Sun, diffuse_fraction, split, sun
+from estimator.heat.sun import FACES, Location, Sun, diffuse_fraction, geometry, split, sun
 
 POSITIONS = [
     ("2013-08-21T08:25:00+00:00", 47.87, 11.73, 39.474, 120.576),
@@ -43,7 +43,7 @@ def test_beam_falls_on_the_planes_that_the_sun_sees():
     at = Sun(*(np.array([[part]]) for part in (
         np.cos(height) * np.sin(bearing), np.cos(height) * np.cos(bearing), np.sin(height), 1361.0
     )))  # fmt: skip
-    light = split(at, np.array([400.0]))
+    light = split(geometry(at), np.array([400.0]))
     normal = (400.0 - light.diffuse) / np.sin(height)
     share = np.cos(height) * np.sqrt(0.5)
     for face, part in zip(FACES, (share, share, 0.0, 0.0), strict=True):
@@ -53,7 +53,7 @@ def test_beam_falls_on_the_planes_that_the_sun_sees():
 def test_nothing_shines_at_night_and_a_low_sun_does_not_dazzle():
     place = Location(47.87, 11.73)
     times = datetime.fromisoformat("2014-01-29T00:00:00+00:00").timestamp() + 600.0 * np.arange(144)
-    light = split(Sun(*(part[:, None] for part in sun(times, place))), np.full(144, 50.0))
+    light = split(geometry(Sun(*(part[:, None] for part in sun(times, place)))), np.full(144, 50.0))
     dark = sun(times, place).up <= 0.0
     assert dark.sum() > 70
     for face in FACES:
