@@ -33,12 +33,13 @@ TURN = 4.0
 """h for which heat is tried on, and then off."""
 
 
-def asking(url: str) -> Ask:
-    """REST at `url`."""
+def asking(url: str, key: str | None = None) -> Ask:
+    """REST at `url`, with an API key if it wants one."""
 
     def ask(method: str, path: str, body: Any) -> Any:
         data = None if body is None else json.dumps(body).encode()
-        request = urllib.request.Request(url + path, data, {"Content-Type": "application/json"}, method=method)
+        headers = {"Content-Type": "application/json"} | ({"Authorization": f"Bearer {key}"} if key else {})
+        request = urllib.request.Request(url.rstrip("/") + path, data, headers, method=method)
         try:
             with urllib.request.urlopen(request, timeout=60) as answer:
                 return json.load(answer)
@@ -71,9 +72,9 @@ def handed_on(
     def path(watts: Any) -> Array:
         answer = ask("POST", f"/zones/{zone}/forecast", {"horizon": "24h", "inputs": {heater: watts}})
         stride = step * 60 / answer["period_s"]
-        if stride != int(stride):
+        if stride != int(stride) or stride < 1:
             raise ValueError(
-                f"a step of {step} min is no whole number of the zone's periods of {answer['period_s']:g} s"
+                f"a step of {step} min is not one or more of the zone's periods of {answer['period_s']:g} s"
             )
         return np.array([each["outputs"][0]["mean"] for each in answer["fan"]][:: int(stride)])
 
@@ -113,6 +114,7 @@ def handed_on(
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--url", default="http://127.0.0.1:8080", help="Thermogate")
+    parser.add_argument("--key", help="API key, if the daemon wants one")
     parser.add_argument("--zone", required=True)
     parser.add_argument("--heater", default="u_heat", help="the input that heats")
     parser.add_argument("--power", type=float, required=True, help="its largest power, W")
@@ -121,7 +123,7 @@ def main() -> int:
     parser.add_argument("--step", type=int, default=30, help="EMHASS's optimization_time_step, min")
     given = vars(parser.parse_args())
     try:
-        print(json.dumps(handed_on(asking(given.pop("url")), **given)))
+        print(json.dumps(handed_on(asking(given.pop("url"), given.pop("key")), **given)))
     except (OSError, ValueError) as error:
         print(error, file=sys.stderr)
         return 1

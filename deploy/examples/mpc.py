@@ -289,7 +289,8 @@ def plan(
     solved = linprog(cost, A_ub=sides, b_ub=margins, bounds=bounds, method="highs")
     if not solved.success:
         raise ValueError(f"no plan was found: {solved.message}")
-    return np.asarray(solved.x[:count], dtype=float)
+    # HiGHS keeps bounds but for its tolerance, and Thermogate refuses what is a hair beyond them.
+    return np.clip(solved.x[:count], 0.0, most)
 
 
 def thermostat(settings: Settings, temperature: float, heating: bool, low: float | None = None) -> float:
@@ -544,13 +545,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--key", help="API key, if the daemon wants one")
     parser.add_argument("--times", type=int, default=0, help="how many looks; 0: for ever")
     parser.add_argument("--zone", type=_heated, required=True, nargs="+", help="zones that are heated, NAME or NAME=W")
-    parser.add_argument("--limit", type=float, default=math.inf, help="W that all rooms together may take")
+    parser.add_argument("--limit", type=_positive, default=math.inf, help="W that all rooms together may take")
     parser.add_argument("--cop", type=_performance, nargs="+", default=DIRECT.cop, help="heat per W: COP@degC outdoors")
     for one in fields(Settings)[1:]:
         told = f"{one.metadata['meaning']} (default {one.default})"
-        parser.add_argument(f"--{one.name}", type=type(one.default), default=one.default, help=told)
+        kind = _positive if one.name in ("power", "step", "horizon") else type(one.default)
+        parser.add_argument(f"--{one.name}", type=kind, default=one.default, help=told)
     given = vars(parser.parse_args(arguments))
     common = {one.name: given[one.name] for one in fields(Settings)[1:]}
+    if not common["low"] < common["high"]:
+        parser.error(f"--low {common['low']:g} is not below --high {common['high']:g}")
+    if common["horizon"] < max(SHORTEST, common["step"]):
+        parser.error(f"--horizon {common['horizon']:g} is shorter than a step, or than an hour")
+    twice = {zone for place, (zone, _) in enumerate(given["zone"]) if zone in dict(given["zone"][:place])}
+    if twice:
+        parser.error(f"argument --zone: {', '.join(sorted(twice))} is there twice")
     named = ((zone, common if power is None else common | {"power": power}) for zone, power in given["zone"])
     rooms = [Controlled(Settings(zone, **own)) for zone, own in named]
     ask, plant = rest(given["url"], given["key"]), Plant(given["limit"], sorted(given["cop"]))
@@ -562,11 +571,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _positive(word: str) -> float:
+    """A number above 0."""
+    number = float(word)
+    if not number > 0.0:
+        raise argparse.ArgumentTypeError(f"{word} is not above 0")
+    return number
+
+
 def _heated(word: str) -> tuple[str, float | None]:
     """The zone and the power [W] of `NAME=W`, or of `NAME`."""
     zone, _, power = word.partition("=")
     try:
-        return zone, float(power) if power else None
+        return zone, _positive(power) if power else None
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{word} is no zone with its power, such as living=2000") from error
 
@@ -654,9 +671,12 @@ def _share(ask: Ask, rooms: Sequence[Settings], heat: float, plant: Plant) -> fl
 
 def measured(ask: Ask, zone: str) -> tuple[float, float | None]:
     """When the last sample was taken, UTC s, and its temperature [degC]: None where it is missing or was refused, or
-    where the zone is stalled or failed, and nobody knows how warm it has become since."""
+    where the zone is stalled or failed, and nobody knows how warm it has become since. ValueError before the first."""
     path = f"/zones/{urllib.parse.quote(zone)}"
-    row = ask("GET", f"{path}/history?limit=1", None)["rows"][-1]
+    rows = ask("GET", f"{path}/history?limit=1", None)["rows"]
+    if not rows:
+        raise ValueError("the zone has no sample yet")
+    row = rows[-1]
     silent = ask("GET", path, None)["status"]["state"] in ("stalled", "failed")
     return seconds(row["time"]), None if silent or row["y"] is None else float(row["y"])
 

@@ -86,7 +86,11 @@ def test_without_heating_it_foresees_what_thermogate_does_and_with_it_nearly(exa
 
 @pytest.mark.parametrize(
     ("trust", "step", "sentence"),
-    [("untrusted", 30, "a day ahead are untrusted: so"), ("trusted", 7, "no whole number of the zone's periods")],
+    [
+        ("untrusted", 30, "a day ahead are untrusted: so"),
+        ("trusted", 7, "of 7 min is not one or more"),
+        ("trusted", 0, "of 0 min is not"),
+    ],
 )
 def test_what_cannot_be_handed_on_is_one_sentence(
     example: ModuleType, asking: Any, trust: str, step: int, sentence: str

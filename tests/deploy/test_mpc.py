@@ -6,7 +6,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -318,7 +318,13 @@ def test_it_runs_against_a_daemon(mpc: ModuleType, daemon_ended: Any, capsys: py
     for words, gist in ((["--zone", "a=b"], "a=b is no zone with its power"),
                         (["--zone", "a", "--cop", "3"], "3 is no COP at an outdoor temperature"),
                         (["--zone", "a", "--cop", "-3@2"], "expected at least one argument"),
-                        (["--zone", "a", "--cop", "0@2"], "the COP must be above 0")):  # fmt: skip
+                        (["--zone", "a", "--cop", "0@2"], "the COP must be above 0"),
+                        (["--zone", "a", "--step", "0"], "argument --step: 0 is not above 0"),
+                        (["--zone", "a=0"], "argument --zone: 0 is not above 0"),
+                        (["--zone", "a", "--limit", "nan"], "argument --limit: nan is not above 0"),
+                        (["--zone", "a", "--horizon", "1800"], "--horizon 1800 is shorter than"),
+                        (["--zone", "a", "--low", "24"], "--low 24 is not below --high 23"),
+                        (["--zone", "a=1", "b", "a=2"], "argument --zone: a is there twice")):  # fmt: skip
         with pytest.raises(SystemExit):
             mpc.main(words)
         assert gist in capsys.readouterr().err
@@ -335,6 +341,15 @@ def test_a_temperature_that_nobody_vouches_for_is_none(mpc: ModuleType) -> None:
     found = {state: measured(state)[1] for state in ("running", "stalled", "failed")}
     assert found == {"running": 20.5, "stalled": None, "failed": None}
     assert measured("running")[0] == 1768478400.0
+    with pytest.raises(ValueError, match="the zone has no sample yet"):
+        mpc.measured(lambda *_: {"rows": []}, "new")
+
+
+def test_no_plan_is_a_hair_beyond_what_the_heater_can(mpc: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    solved = SimpleNamespace(success=True, x=np.array([-1e-9, 4000.0 + 1e-6, 0.0, 0.0, 0.0, 0.0]))
+    monkeypatch.setattr(mpc, "linprog", lambda *_, **__: solved)
+    two = np.ones(2)
+    assert mpc.plan(np.eye(2), two, two, two, two, 4000.0 * two, 1.0).tolist() == [0.0, 4000.0]
 
 
 def test_an_answer_that_breaks_off_is_none(mpc: ModuleType) -> None:
