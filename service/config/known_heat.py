@@ -101,13 +101,15 @@ def shared(drafts: Sequence[ZoneDraft], problems: Problems) -> None:
                 readers.setdefault(channel.share, []).append((draft, name))
             else:
                 _share(draft, name, channel.share, problems)
+    named = [channel.share for draft in drafts for channel in draft.channels.values()]
     for meter, found in readers.items():
         areas = [None if draft.table is None else _floor_area(draft.table) for draft, _ in found]
         known = [area for area in areas if area is not None]
         if len(known) < len(found):
             known = [1.0] * len(found)
         for (draft, name), area in zip(found, known, strict=True):
-            if len(found) == 1:
+            # A zone whose network is wrong has a share, too.
+            if named.count(meter) == 1:
                 sentence = (
                     f'is "{meter}", which no other zone has a share of; name it in the other zones that it meters, or '
                     "give the share of this one that is likely, such as 0.2"

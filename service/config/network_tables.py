@@ -14,6 +14,8 @@ from estimator.network.boxes import WIDEST
 
 _SMALLEST_AREA, _LARGEST_AREA = 1, 100_000
 
+SPREAD_ALONE = "has a spread but no typical value that it is about; add typical, or remove spread"
+
 
 class BoundsConfig(BaseModel):
     """What can be said about a parameter: the bounds of its prior, a nominal value and a typical one, or a value that
@@ -52,9 +54,11 @@ class BoundsConfig(BaseModel):
         return self.value is not None or (self.lower is not None and self.upper is not None)
 
     def required(self) -> Self:
-        """The table itself; ValueError if it is not `complete`."""
+        """The table itself; ValueError if it is not `complete`, or has a spread about nothing."""
         if not self.complete:
             raise ValueError("needs lower and upper (it is learned between them) or value (it is fixed)")
+        if self.spread is not None and self.typical is None:
+            raise ValueError(SPREAD_ALONE)
         return self
 
 

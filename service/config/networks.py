@@ -14,6 +14,7 @@ from estimator.network.boxes import box, boxed, is_generic
 from estimator.network.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
 from estimator.network.presets import AUTO, SOLAR_APERTURE, SUN
 from service.config.network_tables import (
+    SPREAD_ALONE,
     BoundsConfig,
     GainConfig,
     InitialConfig,
@@ -139,7 +140,7 @@ def _bounds_problem(parameter: Parameter, default: str) -> str | None:
     for name, value in (("nominal", parameter.nominal), ("typical", parameter.typical)):
         if value is not None and not lower <= value <= upper:
             return f"{name} = {value:g} lies outside the bounds {lower:g} and {upper:g}; {remedy}"
-    return None
+    return SPREAD_ALONE if parameter.typical is None and parameter.spread != 1.0 else None
 
 
 def _no_parameter(network: Network, name: str) -> str:

@@ -124,11 +124,11 @@ def learned_laws(worker: ZoneWorker) -> tuple[LearnedLaw, ...]:
         power, offset, band = (
             Range(*each) for each in zip(mean.tolist(), lower.tolist(), (mean + spread).tolist(), strict=True)
         )
-        own, unsure = float(shares.medians[column]), 1.96 * float(shares.spreads[column])
-        if unsure:
+        if worker.network.inputs[column] in worker.network.shares:
             # Both are unsure by a factor.
+            own, unsure = power.mean * float(shares.medians[column]), 1.96 * float(shares.spreads[column])
             unsure = float(np.exp(np.hypot(unsure, np.log(power.upper / power.mean))))
-            power = Range(power.mean * own, power.mean * own / unsure, power.mean * own * unsure)
+            power = Range(own, own / unsure, own * unsure)
         on, off = shortest_times(laws, place, memory, worker.period)
         found.append(
             LearnedLaw(

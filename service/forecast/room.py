@@ -106,16 +106,17 @@ class RoomQuestion(NamedTuple):
         sun, people = (_by_hour(heat[:, 1], hours) for heat in elsewhere)
         comfort = _Comfort.of(self.past)
         diagnosis, trust = worker.diagnosis(), worker.trust
-        doubt = _doubt(diagnosis, loss)
+        doubt, shares = _doubt(diagnosis, loss), Shares.of(worker)
+        own = self.past.inputs * shares.medians
         answers = [
             comfort.answer(),
             _loss_answer(loss, self.area, doubt, bool(_neighbours(worker.network))),
             *_pace(worker, standing),
             *warming_up(self.past.step, self.past.temperature, self.past.setpoint, COLD),
             _heat_answer(elsewhere, sun, people),
-            *_energy(worker, self.past, loss, doubt),
+            *_energy(worker, self.past, shares, loss, doubt),
             *lost_heat(self.past.times, self.past.step, self.past.gain, self.zone),
-            *last_day(worker, self.past.times, self.past.step, self.past.inputs, self.past.gain[:, 1]),
+            *last_day(worker, self.past.times, self.past.step, own, self.past.gain[:, 1]),
         ]
         told = _told(worker.network, comfort, self.past, diagnosis, trust, standing)
         return Room(
@@ -334,16 +335,20 @@ def _heat_answer(elsewhere: _Elsewhere, sun: Array, people: Array) -> RoomAnswer
     return RoomAnswer("other_heat", sentence[0].upper() + sentence[1:], "W", mean, low, high)
 
 
-def _energy(worker: ZoneWorker, past: Past, loss: Array | None, doubt: str) -> Iterator[RoomAnswer]:
+def _energy(worker: ZoneWorker, past: Past, shares: Shares, loss: Array | None, doubt: str) -> Iterator[RoomAnswer]:
     """What the heating used, and what 1 K less would have saved: the loss of 1 K, but no more than a day used."""
     heat = _heating(worker.network)
-    power = np.nansum((past.inputs * Shares.of(worker).medians)[:, heat], axis=1)
+    metered = np.nan_to_num(past.inputs[:, heat]) * past.step / 3.6e6
     days = (past.times // _DAY).astype(np.int64)
-    used = np.bincount(days - days[0], power * past.step / 3.6e6)
-    total, length = float(used.sum()), len(past.times) * past.step / _DAY
+    used = np.bincount(days - days[0], metered @ shares.medians[heat])
+    low, total, high = (shares.quantiles[:, heat] @ metered.sum(axis=0)).tolist()
     if not heat or total <= 0.0:
         return
-    yield RoomAnswer("energy", f"The heating used {amount(total)} kWh in {length:.1f} days", "kWh", total)
+    parts = [f"The heating used {amount(total)} kWh in {len(past.times) * past.step / _DAY:.1f} days"]
+    bounds = (low, high) if low < high else ()
+    if bounds:
+        parts.append(f"95 % between {amount(low)} and {amount(high)} kWh")
+    yield RoomAnswer("energy", "; ".join(parts), "kWh", total, *bounds)
     if loss is None or "rely" in doubt:
         sentence = "What 1 K less would have saved is not known, for the heat loss is not"
         yield RoomAnswer("saving", sentence, "kWh")

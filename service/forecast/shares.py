@@ -36,6 +36,11 @@ class Shares(NamedTuple):
             found.spreads[column] = np.log(upper / lower) / (2.0 * ndtri(_LEVELS[-1])) if lower > 0.0 else 0.0
         return found
 
+    @property
+    def quantiles(self) -> Array:
+        """(3, n_u): shares at levels of 2.5, 50 and 97.5 %."""
+        return np.asarray(self.medians * np.exp(self.spreads * ndtri(_LEVELS)[:, None]))
+
     def sampled(self, columns: Indices, count: int) -> Array:
         """(count, L): shares of the inputs `columns` (L,) in as many futures, the same ones at every call."""
         ranks = (0.5 + np.arange(count) * _GOLDEN) % 1.0

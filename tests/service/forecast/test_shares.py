@@ -7,8 +7,10 @@ from support.thermostat_house import morning, recorded
 
 from estimator.network.presets import network
 from estimator.registry import build
+from service.forecast import room
 from service.forecast.heating import DemandQuestion
 from service.forecast.learned import ModelQuestion, learned_laws
+from service.forecast.room import Past, RoomQuestion
 from service.forecast.shares import Shares
 from service.records.sample import Sample
 from service.zone.foresight.outlook import NO_WEATHER
@@ -90,3 +92,35 @@ def test_watts_are_planned_and_modelled_as_those_of_the_room(sharing):
     assert model.draws.B[:, 0, 1] == pytest.approx((PERIOD / of_meter.theta[0]), rel=0.2), (
         "a watt warms the air by its capacitance alone"
     )
+
+
+def test_what_the_room_used_is_its_share_with_an_interval(alone, sharing):
+    outputs, inputs, setpoint = (np.array(each) for each in recorded(DAYS, PERIOD))
+    past = Past(PERIOD * np.arange(float(len(inputs))), PERIOD, outputs[:, 0], setpoint, np.zeros((len(inputs), 3)),
+                inputs * [1.0, METERED])  # fmt: skip
+    (own,), (shared,) = (
+        [one for one in asked(worker, RoomQuestion(told)).answers if one.about == "energy"]
+        for worker, told in ((alone, past._replace(inputs=inputs)), (sharing, past))
+    )
+    assert np.isnan(own.lower)
+    assert "95 %" not in own.sentence
+    learned = Shares.of(sharing)
+    assert shared.value == pytest.approx(own.value * METERED * learned.medians[1])
+    assert shared.lower < own.value < shared.upper
+    assert f"95 % between {shared.lower:.3g} and {shared.upper:.3g} kWh" in shared.sentence
+
+
+def test_what_departed_from_usual_is_told_in_watts_of_the_room(sharing, monkeypatch):
+    told = []
+    monkeypatch.setattr(room, "last_day", lambda worker, times, step, inputs, gain: told.append(inputs) or ())
+    metered = np.tile([5.0, 6000.0], (DAILY, 1))
+    past = Past(PERIOD * np.arange(float(DAILY)), PERIOD, *np.full((2, DAILY), 20.0), np.zeros((DAILY, 3)), metered)
+    asked(sharing, RoomQuestion(past))
+    assert told[0] == pytest.approx(metered * Shares.of(sharing).medians)
+
+
+def test_an_estimator_that_knows_no_building_has_the_likely_share():
+    regression = fed(network("tite").with_share("u_heat", 1.0 / METERED), METERED, estimator="arx")
+    (law,) = learned_laws(regression)
+    assert Shares.of(regression).medians.tolist() == [1.0, 1.0 / METERED]
+    assert law.power.mean == pytest.approx(6000.0, rel=0.02)
