@@ -2,7 +2,6 @@
 
 import asyncio
 
-import pytest
 from support.modbus_plant import plant, serving
 from support.sources import source_table
 
@@ -21,31 +20,6 @@ async def test_a_result_that_comes_with_the_cancellation_does_not_undo_it() -> N
     task.cancel()
     await asyncio.wait([task])
     assert task.cancelled()
-
-
-async def test_the_result_and_the_error_of_the_library_are_passed_on() -> None:
-    async def failing() -> int:
-        raise ValueError("no")
-
-    assert await cancellable(asyncio.sleep(0, 3)) == 3
-    with pytest.raises(ValueError, match="no"):
-        await cancellable(failing())
-
-
-async def test_what_is_done_while_a_task_ends_is_not_disturbed() -> None:
-    done = []
-
-    async def work() -> None:
-        try:
-            await asyncio.sleep(60)
-        finally:
-            done.append(await cancellable(asyncio.sleep(0, "goodbye")))
-
-    task = asyncio.create_task(work())
-    await asyncio.sleep(0)
-    task.cancel()
-    await asyncio.wait([task])
-    assert done == ["goodbye"]
 
 
 async def test_a_modbus_read_is_cancelled_whenever_its_answer_comes() -> None:

@@ -32,12 +32,6 @@ def test_the_requests_that_are_sent_are_those_that_read():
     assert len(OTHERS) > 30
 
 
-async def test_the_link_offers_nothing_but_to_read():
-    link = BacnetLink(source_table("bacnet", interface="127.0.0.1"), lambda kind: None)
-    verbs = {name for name in dir(link) if not name.startswith("_")}
-    assert verbs == {"open", "listen", "who_is", "find", "read_one", "read_list", "ask", "subscribe", "close"}
-
-
 @pytest.mark.parametrize("kind", OTHERS, ids=lambda kind: kind.__name__)
 async def test_no_other_request_gets_past_the_application_or_onto_the_wire(kind):
     sent = []

@@ -12,8 +12,7 @@ from bacpypes3.primitivedata import Tag, TagClass
 from adapters.bacnet.client import decoded
 from adapters.bacnet.objects import TYPES, ObjectId, parse_object
 from adapters.bacnet.units import differs, unit_of
-from adapters.bacnet.values import Flags, Unreadable, bits, flags, known, number, object_id, text, whole
-from adapters.reading import Quality
+from adapters.bacnet.values import Unreadable, bits, known, number, object_id, text, whole
 
 
 def read(kind, tag, octets, length=None):
@@ -58,21 +57,6 @@ def test_values_of_every_type(kind, tag, octets, value):
 def test_what_is_something_else_is_refused(kind, tag, octets):
     with pytest.raises(Unreadable):
         read(kind, tag, octets)
-
-
-QUALITIES = {
-    b"\x04\x00": (Flags(), Quality.GOOD),
-    b"\x04\x80": (Flags(in_alarm=True), Quality.GOOD),
-    b"\x04\x40": (Flags(fault=True), Quality.BAD),
-    b"\x04\x20": (Flags(overridden=True), Quality.UNCERTAIN),
-    b"\x04\x10": (Flags(out_of_service=True), Quality.BAD),
-    b"\x00": (Flags(), Quality.GOOD),
-}
-
-
-def test_status_flags_and_their_quality():
-    found = {octets: read(flags, 8, octets) for octets in QUALITIES}
-    assert {octets: (one, one.quality) for octets, one in found.items()} == QUALITIES
 
 
 def test_objects_as_people_write_them():

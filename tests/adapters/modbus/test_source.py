@@ -155,12 +155,6 @@ async def test_an_answer_that_breaks_the_protocol_is_told_as_that(pdu, caplog):
     assert "data_received" not in caplog.text, "an answer that cannot be read is no fault of the connection"
 
 
-async def test_a_hole_between_the_registers_costs_no_channel():
-    site = plant(holding=list(range(20)))
-    site.refused.update({(1, "holding", 4), (1, "holding", 5)})
-    assert await polled(site, [channel("a", 3), channel("b", 6)], all_of(2)) == {"z/a": 3.0, "z/b": 6.0}
-
-
 async def test_a_silent_unit_does_not_hold_up_the_others(caplog):
     caplog.set_level("INFO")
     site = plant({1: [21], 2: [22], 3: [23]})
@@ -196,26 +190,6 @@ async def test_a_dropped_connection_is_unavailable_and_the_next_call_goes_on():
         await bms.close()
         await bms.close()
         assert site.connections == 2
-
-
-async def test_garbage_on_the_line_is_survived():
-    """A device that answers with something that is not Modbus at all."""
-
-    hung_up = asyncio.Event()
-
-    async def answer(reader, writer):
-        while await reader.read(100):
-            writer.write(b"HTTP/1.1 400 Bad Request\r\n\r\n")
-        writer.close()
-        await writer.wait_closed()
-        hung_up.set()
-
-    server = await asyncio.start_server(answer, "127.0.0.1", 0)
-    async with server:
-        port = server.sockets[0].getsockname()[1]
-        with pytest.raises(SourceUnavailable):
-            await collect(source(port, [channel("c", 0)]))
-        await hung_up.wait()
 
 
 async def test_requests_keep_their_pause():

@@ -16,10 +16,8 @@ from support.waiting import until
 from support.zone_samples import sample
 
 from service.errors import JournalError, ServiceError
-from service.records.series import Stretch
 from service.store import store as module
 from service.store.checkpoint import Checkpoint
-from service.store.series import bucket_of
 from service.store.store import Store
 from service.web.keys import create_key
 
@@ -127,13 +125,3 @@ def test_a_full_disk_is_refused_with_what_frees_it(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(module, "make_folder", full)
     with pytest.raises(ServiceError, match=r"free space on its disk: .*reset-\*.*old backups"):
         Store(tmp_path / "state")
-
-
-def test_a_long_stretch_is_read_in_few_buckets_of_whole_periods_and_in_strides() -> None:
-    for points in (10, 100, 999):
-        for length in (3600, 86_400, 365 * 86_400):
-            bucket = bucket_of(900, 900 + length, 300, points)
-            assert bucket % 300 == 0
-            assert length / bucket + 1 <= points or bucket == 300
-    assert 365 * 86_400 // Stretch("z", 0, 365 * 86_400, 1, 86_400, 3).stride <= 600_000
-    assert Stretch("z", 0, 365 * 86_400, 300, 86_400, 3).stride == 1

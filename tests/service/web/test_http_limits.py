@@ -16,7 +16,7 @@ from support.waiting import until
 from service.publish.metrics import Metrics
 from service.web.app import create_app
 from service.web.server import server as http_server
-from service.web.server.connection import FREE_CHUNKS, READ_BYTES, Connection, Passes
+from service.web.server.connection import FREE_CHUNKS, Passes
 from service.web.server.peers import peer_of
 
 QUICK = {"receive_timeout": 0.6, "send_timeout": 0.6, "idle_timeout": 0.6}
@@ -247,36 +247,6 @@ async def test_bodies_up_to_the_limit_are_taken(daemon_app: FastAPI) -> None:
             client = await Client.to(server)
             await client.send(b"POST /zones" + HOST + body)
             assert (await client.answer()).status == 405, "taken in, and for the application to judge"
-
-
-async def test_little_of_a_connection_is_read_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    read, updated = list[int](), Connection.buffer_updated
-
-    def noted(connection: Connection, count: int) -> None:
-        read.append(count)
-        updated(connection, count)
-
-    monkeypatch.setattr(Connection, "buffer_updated", noted)
-    async with serving(small_app(), config()) as server:
-        client = await Client.to(server)
-        await client.send(b"POST /size HTTP/1.1\r\nHost: localhost\r\nContent-Length: 300000\r\n\r\n" + bytes(300_000))
-        assert (await client.answer()).body == b"300000"
-        await client.close()
-    assert sum(read) > 300_000
-    assert max(read) <= READ_BYTES
-
-
-async def test_a_client_that_goes_in_the_middle_of_its_body_leaves_nothing(
-    daemon_app: FastAPI, caplog: pytest.LogCaptureFixture
-) -> None:
-    async with serving(daemon_app, config()) as server:
-        client = await Client.to(server)
-        await client.send(b"POST /zones" + HOST + b"Content-Length: 9\r\n\r\n1234")
-        await client.close()
-        await until(lambda: server.connections == 0)
-        assert (await ask(server, "/healthz")).status == 200
-        await until(lambda: server.connections == 0)
-    assert not caplog.records
 
 
 @pytest.mark.parametrize("path", ["/size", "/"])

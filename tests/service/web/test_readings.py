@@ -144,13 +144,6 @@ def test_posting_needs_a_key_for_it_even_where_reading_is_open(tmp_path: Path, d
     assert len(desk.taken) == 2
 
 
-def test_a_zone_may_be_called_readings(tmp_path: Path) -> None:
-    app = served(tmp_path / "keys.json", zone="readings")
-    for path in ("/zones/readings", "/zones/readings/forecast"):
-        assert get(app, path).status_code == 200
-    problem(request(app, "POST", "/zones/readings/readings", content=b"a b=1"), 401)
-
-
 def test_a_key_for_writing_does_nothing_else_and_for_one_zone_in_no_other(
     app: FastAPI, desk: Desk, key: str, file: Path
 ) -> None:

@@ -88,11 +88,6 @@ def test_a_mistake_in_a_request_is_a_sentence_and_nothing_is_computed(
     assert zones["living"].asked == []
 
 
-def test_the_longest_horizon_is_allowed(app: FastAPI, zones: dict[str, FakeZone]) -> None:
-    assert get(app, "/zones/living/forecast?horizon=7d").status_code == 200
-    assert zones["living"].asked[0][1] == 2016
-
-
 def test_a_body_that_is_not_json(app: FastAPI) -> None:
     json = {"Content-Type": "application/json"}
     for sent, sentence in (

@@ -79,14 +79,6 @@ def test_an_interval_stays_open_until_the_clock_reaches_its_end_plus_the_latenes
     assert align.faults == {Fault.OUT_OF_ORDER: 1}
 
 
-def test_a_clock_that_steps_back_or_is_no_number_changes_nothing():
-    align = alignment()
-    align.add("a", [indoor(0.0)], 300.0)
-    for now in (0.0, -inf, nan, inf):
-        assert align.add("a", [indoor(300.0 + abs(now) % 7 if abs(now) < inf else 310.0)], now) == []
-    assert times(align.add("a", [], 600.0)) == [300]
-
-
 def test_a_second_reading_of_one_channel_and_time_is_counted_and_the_first_kept():
     align = alignment()
     readings = [indoor(10.0, 20.0), indoor(10.0, 30.0), indoor(10.0, 40.0, UNCERTAIN), Reading("T_out", 10.0, 5.0)]
