@@ -105,8 +105,13 @@ async def test_no_sample_is_passed_over_because_the_disk_is_full(tmp_path, caplo
 
 
 async def test_while_a_zone_is_failed_others_go_on_and_its_samples_are_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(service.zone.zone, "FIRST_PAUSE", 1.5)
-    monkeypatch.setattr(service.zone.zone, "LONGEST_PAUSE", 1.5)
+    waited = asyncio.Event()
+
+    async def within(closed, seconds):
+        await waited.wait()
+        return False
+
+    monkeypatch.setattr(service.zone.zone, "within", within)
     async with plumbing(tmp_path) as shared:
         items = [sample(k) for k in range(60)]
         sick, well = make(shared, {items[0].time: 1}, "sick"), make(shared, None, "well")
@@ -117,6 +122,8 @@ async def test_while_a_zone_is_failed_others_go_on_and_its_samples_are_kept(tmp_
         await well.intake.accept(items[1:])
         assert sick.now().status.state == "failed"
         assert "cannot step over 0" in sick.now().status.reason
+        await caught_up(well, items)
+        waited.set()
         await caught_up(sick, items)
         for zone, task in zip((sick, well), tasks, strict=True):
             await finished(zone, task)
