@@ -21,6 +21,7 @@ from estimator.diagnosis.finding import Diagnosis, Finding, amount
 from estimator.network.assembly import assemble
 from estimator.network.discretise import heat_loss
 from estimator.network.network import Network
+from estimator.network.presets import NEIGHBOUR
 from service.forecast.answers import Room, RoomAnswer, ToDo
 from service.forecast.looking_back import last_day, lost_heat, warming_up
 from service.forecast.shares import Shares
@@ -110,7 +111,7 @@ class RoomQuestion(NamedTuple):
         own = self.past.inputs * shares.medians
         answers = [
             comfort.answer(),
-            _loss_answer(loss, self.area, doubt, bool(_neighbours(worker.network))),
+            _loss_answer(loss, self.area, doubt, any(one.startswith(NEIGHBOUR) for one in _beside(worker.network))),
             *_pace(worker, standing),
             *warming_up(self.past.step, self.past.temperature, self.past.setpoint, COLD),
             _heat_answer(elsewhere, sun, people),
@@ -186,23 +187,24 @@ def _loss(worker: ZoneWorker) -> Array | None:
     """(3,): heat loss to outdoors [W/K] at _LEVELS, with NaN for the ends of a collapsed interval; None if it is not
     known.
 
-    With neighbours it is that of the room with all of them as warm as itself. It grows with every conductance
-    (Rayleigh's monotonicity law), so that the ends of all parameters give an interval that is, if anything, too wide.
+    With neighbours, or a supply of heat, it is that of the room with all of them as warm as itself. It grows with every
+    conductance (Rayleigh's monotonicity law) where no wall is both theirs and the outdoors', so that the ends of all
+    parameters give an interval that is, if anything, too wide.
     """
     summary, network = worker.parameters(_LEVELS), worker.network
     if summary is None or not np.isfinite(summary.heat_loss[1]):
         return None
-    if not _neighbours(network):
+    if not _beside(network):
         return summary.heat_loss
     known = np.where(np.isfinite(summary.parameters), summary.parameters, summary.parameters[:, 1:2])
     matrices, node = assemble(network, known), network.nodes.index(network.measured[0])
     shares = np.linalg.solve(matrices.internal, matrices.inputs)[:, node, : len(network.boundaries)]
-    outdoors = [channel not in _neighbours(network) for channel in network.boundaries]
+    outdoors = [channel not in _beside(network) for channel in network.boundaries]
     loss: Array = heat_loss(matrices, node) * shares[:, outdoors].sum(axis=1)
     return np.where(np.isfinite(summary.heat_loss), loss, np.nan)
 
 
-def _neighbours(network: Network) -> tuple[str, ...]:
+def _beside(network: Network) -> tuple[str, ...]:
     """The boundaries that are no outdoor air, where one is."""
     others = tuple(channel for channel in network.boundaries if not channel.startswith("T_out"))
     return others if len(others) < len(network.boundaries) else ()

@@ -16,6 +16,7 @@ from estimator.network import presets
 from estimator.network.assembly import assemble
 from estimator.network.discretise import heat_loss
 from replay.reports.language import sayer
+from service.forecast import room
 from service.forecast.room import MOST, Past, RoomQuestion, _loss
 from service.records.trust import HorizonTrust, Trust
 from service.zone.foresight.outlook import NO_WEATHER
@@ -119,6 +120,15 @@ def test_the_loss_of_a_room_with_neighbours_is_that_to_outdoors(worker, monkeypa
     found = _loss(worker)
     assert found == pytest.approx((1.0 - warm) / heated * spread)
     assert found[1] < 0.9 * whole
+
+
+def test_only_rooms_next_door_are_told_as_such(worker, monkeypatch):
+    told = {}
+    for beside in ("T_adj_hall", "T_rad"):
+        monkeypatch.setattr(room, "_beside", lambda network, beside=beside: (beside,))
+        monkeypatch.setattr(room, "_loss", lambda worker: np.array([90.0, 100.0, 110.0]))
+        told[beside] = "the rooms next door" in answers(asked(worker))["heat_loss"].sentence
+    assert told == {"T_adj_hall": True, "T_rad": False}
 
 
 def test_it_cools_and_heats_as_fast_as_the_house(worker):
