@@ -33,7 +33,8 @@ def warming_up(step: float, temperature: Array, setpoint: Array, cold: float) ->
     """How long the room was too cold after its set-point had risen: so much earlier the heating may start.
 
     `temperature` and `setpoint` (K,) [degC] are of intervals of `step` s; more than `cold` [K] below its set-point the
-    room is too cold. A last rise after which the room is not warm yet says nothing.
+    room is too cold. A rise says nothing after which another comes or the end, or nothing is measured, before the room
+    is warm.
     """
     with np.errstate(invalid="ignore"):
         changes = np.diff(setpoint)
@@ -44,10 +45,13 @@ def warming_up(step: float, temperature: Array, setpoint: Array, cold: float) ->
     for rise in rises.tolist():
         cut = [later for later in (*rises, *falls) if later > rise + 1]
         end = min(cut, default=len(setpoint))
-        warm = np.flatnonzero(temperature[rise:end] >= setpoint[min(rise + 1, end - 1)] - cold)
+        after = temperature[rise:end]
+        warm = np.flatnonzero(after >= setpoint[min(rise + 1, end - 1)] - cold)
+        if not np.isfinite(after[: warm[0] if len(warm) else None]).all():
+            continue
         if len(warm):
             took.append(float(warm[0]) * step / _HOUR)
-        elif cut:
+        elif end in falls:
             missed += 1
     if not took:
         return

@@ -77,6 +77,17 @@ def test_a_rise_within_an_interval_is_one_and_a_room_without_setbacks_says_nothi
     assert list(warming_up(STEP, temperature, np.full_like(setpoint, np.nan), 0.5)) == []
 
 
+def test_a_rise_in_two_steps_is_no_setback_and_a_gap_is_no_cold_room():
+    temperature, setpoint = mornings(6, 6, 6, 6, 6)
+    setpoint[36:39] = 18.0
+    (answer,) = warming_up(STEP, temperature, setpoint, 0.5)
+    assert (answer.value, "not warm" in answer.sentence) == (1.0, False)
+    temperature, setpoint = mornings(6, 18, 6)
+    temperature[144 + 38 : 144 + 72] = np.nan
+    (answer,) = warming_up(STEP, temperature, setpoint, 0.5)
+    assert answer.sentence.startswith("After a setback it took 0.5 h to be warm again, at most 1.0 h; start")
+
+
 def worker(issued, known, forecasts=20):
     def window(days, error):
         return tuple(SimpleNamespace(lead=lead, forecasts=forecasts, rmse=error) for lead in (3600, 21600, 86400))
