@@ -17,8 +17,10 @@ _RESOLUTION = 600.0
 """s: the sun is looked at this often within an interval."""
 
 _DAY = 86400
-_DAYS_KEPT = 8
-"""Days of which what depends on the time alone is kept: a sample needs one, a forecast two."""
+_DAYS_KEPT = 2
+"""Days of which what depends on the time alone is kept: a sample needs one, a forecast of a day two."""
+_SHORTEST = 60.0
+"""s: with shorter periods a day is too many intervals to keep, and to compute for one sample."""
 
 
 class LocalTime(NamedTuple):
@@ -96,13 +98,16 @@ class KnownHeat:
         return self.drive(np.array([time]), inputs[None])[0]
 
     def _timely(self, times: Array) -> _Timely:
-        """What depends on `times` (L,) alone; computed for a day at once where they lie on the grid of the period."""
+        """What depends on `times` (L,) alone; computed for a day at once where they lie on the grid of the period, in
+        no more days than are kept."""
         places, beside = np.divmod(times, self._period)
-        if _DAY % self._period or beside.any() or not len(times):
+        if self._period < _SHORTEST or _DAY % self._period or beside.any():
             return self._computed(times)
         slots = round(_DAY / self._period)
         days, slot = np.divmod(places.astype(np.int64), slots)
         known = np.unique(days)
+        if not 0 < len(known) <= _DAYS_KEPT:
+            return self._computed(times)
         return _at(_joined([self._of_day(day) for day in known.tolist()]), np.searchsorted(known, days) * slots + slot)
 
     def _computed_of_day(self, day: int) -> _Timely:

@@ -70,6 +70,22 @@ def test_one_row_is_the_row_of_many():
     assert (np.abs(known.drive(times + 1.0, inputs) - drive) <= 0.01 * drive.max(axis=0)).all()
 
 
+@pytest.mark.parametrize(("period", "days", "apart", "computed"), [(600.0, 1, 3600.0, 144), (600.0, 30, 3600.0, 720),
+                                                                  (10.0, 1, 3600.0, 24)])  # fmt: skip
+def test_no_more_is_computed_than_a_day_of_long_periods(period, days, apart, computed):
+    sizes = []
+
+    def counted(times):
+        sizes.append(times.size)
+        return calendar(times)
+
+    known = KnownHeat(with_known_heat(ROOM, habits=True), period, counted, PLACE)
+    times = JUNE + apart * np.arange(days * 86400 // apart)
+    for _ in range(2):
+        known.drive(times, np.ones((len(times), 3)))
+    assert set(sizes) == {computed}
+
+
 def test_the_sun_goes_from_east_to_west():
     net = with_known_heat(ROOM, sun="facades", location=PLACE)
     assert [term.name for term in net.terms] == ["sun_east", "sun_south", "sun_west", "sun_diffuse", "sun_envelope"]
