@@ -97,7 +97,8 @@ export function showZone(place, frame, id) {
     set(pill, { textContent: stateText(status.state), className: `pill ${status.state}` });
     about.replaceChildren(t("zone.about", { network: zone.network, estimator: zone.estimator, period: duration(zone.period_s) }));
     showDoubt();
-    cards.room.heating(known.ahead?.heating);
+    // Of a room that has stopped, what was said of the hours ahead is for hours that may be over.
+    cards.room.heating(known.ahead?.quality === "bad" ? null : known.ahead?.heating);
     const interval = forecast?.intervals[0];
     const horizons = known.trust?.horizons ?? [];
     const alike = horizons.every((one) => one.trust === horizons[0].trust);
