@@ -60,9 +60,13 @@ def moment(text: str, start: float, local: tzinfo) -> float:
     except ValueError:
         clock = None
     if clock is not None and clock.tzinfo is None:
-        now = utc(start).astimezone(local)
-        when = datetime.combine(now.date(), clock, local)
-        return (when if when > now else datetime.combine(now.date() + timedelta(days=1), clock, local)).timestamp()
+        today = datetime.combine(utc(start).astimezone(local).date(), clock, local)
+        # Where the clocks are put back, a time comes twice in a day.
+        return next(
+            when
+            for one in (today, today.replace(fold=1), today + timedelta(days=1))
+            if (when := one.timestamp()) > start
+        )
     try:
         return parse_time(text).timestamp()
     except ZoneMissing:

@@ -1,5 +1,8 @@
 """Questions about heating, asked of a zone that has learned a simulated house, and held to what it then does."""
 
+from datetime import UTC, datetime
+from zoneinfo import ZoneInfo
+
 import numpy as np
 import pytest
 from support.thermostat_house import morning, recorded
@@ -9,7 +12,7 @@ from estimator.registry import build
 from estimator.thermostat.answers import Amounts
 from service.errors import NoLaw, PlanError, ServiceError
 from service.forecast.ahead import NextRise
-from service.forecast.heating import CompareQuestion, Course, DemandQuestion, PreheatQuestion, together
+from service.forecast.heating import CompareQuestion, Course, DemandQuestion, PreheatQuestion, moment, together
 from service.records.record import document
 from service.records.sample import Sample
 from service.zone.foresight.outlook import NO_WEATHER
@@ -81,6 +84,21 @@ def test_the_room_is_warm_in_time_and_would_not_be_much_later(worker):
     assert late[place] < 20.4
     surer = answer(worker, PreheatQuestion(21.0, by * 3600.0, 0.99, 0.5))
     assert surer.start is None or surer.start <= found.start
+
+
+def test_a_time_of_day_is_the_next_one_also_where_the_clocks_are_put_back():
+    berlin = ZoneInfo("Europe/Berlin")
+
+    def by(text, start):
+        return datetime.fromtimestamp(moment(text, datetime.fromisoformat(start).timestamp(), berlin), UTC).isoformat()
+
+    assert by("06:30", "2026-10-24T22:00+02:00") == "2026-10-25T05:30:00+00:00"
+    # On that night it is half past two twice.
+    assert by("02:30", "2026-10-25T02:10+02:00") == "2026-10-25T00:30:00+00:00"
+    assert by("02:30", "2026-10-25T02:40+02:00") == "2026-10-25T01:30:00+00:00"
+    assert by("02:30", "2026-10-25T02:10+01:00") == "2026-10-25T01:30:00+00:00"
+    assert by("02:30", "2026-10-25T02:40+01:00") == "2026-10-26T01:30:00+00:00"
+    assert by("02:30", "2026-03-29T00:00+01:00") == "2026-03-29T01:30:00+00:00", "there is none: an hour later"
 
 
 def test_what_cannot_be_reached_is_said_with_the_probability_of_starting_now(worker):
