@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
@@ -128,9 +129,11 @@ def sentence_of(detail: Mapping[str, Any]) -> str:
         return f"{place} is not known; /docs lists the known ones"
     if kind == "too_long":
         return f"{place} takes at most {detail['ctx']['max_length']} values"
+    if kind == "too_short":
+        return f"{place} needs at least {detail['ctx']['min_length']} values"
     if isinstance(detail["input"], bytes):
         return "the body was not sent as JSON; set Content-Type: application/json"
-    wanted = detail["msg"].replace("Input should", "must").split(", unable")[0]
+    wanted = re.sub("^(Input|String) should", "must", detail["msg"]).split(", unable")[0]
     return f"{place} {wanted}, not {_shown(detail['input'])}"
 
 
