@@ -115,7 +115,7 @@ def informed(network: Network, building: Building, floor_area: float | None, kno
         facts |= _losses(network, AGES[bisect_right(AGES, building.built, key=lambda age: age.since) - 1], area)
     parameters = tuple(
         replace(p, typical=min(max(facts[p.name] * area, p.lower), p.upper), spread=spread)
-        if p.name in facts and p.name not in known
+        if p.free and p.name in facts and p.name not in known
         else p
         for p in network.parameters
     )
@@ -125,7 +125,7 @@ def informed(network: Network, building: Building, floor_area: float | None, kno
 def _losses(network: Network, age: Envelope, area: float) -> dict[str, float]:
     """Conductances [W/(K m2)] from the envelope, and directly, to the outdoors."""
     outer, direct = _OUTER_SURFACE * age.opaque, age.glazed + _AIR
-    if not any(parameter.name == "g_i_out" for parameter in network.free):
+    if not any(parameter.name == "g_i_out" for parameter in network.parameters):
         outer, direct = outer + direct, 0.0
     inner = network.parameter("g_ie")
     # In series with what lies between the room and its envelope.

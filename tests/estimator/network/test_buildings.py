@@ -65,6 +65,13 @@ def test_what_lies_beyond_the_bounds_counts_as_the_bound():
     assert informed(small, Building("very-heavy"), 100.0).parameter("C_e").typical == 5e6
 
 
+def test_a_path_to_the_outdoors_that_is_fixed_is_not_counted_in_the_walls_as_well():
+    fixed = AUTO.with_parameter("g_i_out", nominal=40.0, free=False)
+    told, learned = (informed(net, Building(built=1985), 70.0) for net in (fixed, AUTO))
+    assert told.parameter("g_e_out") == learned.parameter("g_e_out")
+    assert told.parameter("g_i_out") == fixed.parameter("g_i_out")
+
+
 def test_a_known_use_is_expected_by_the_hour():
     plain, office = (with_known_heat(AUTO, habits=True, floor_area=30.0, use=use) for use in (None, "office"))
     expected = {term.name: term for term in office.terms}
