@@ -13,7 +13,7 @@ from adapters.fields.words import shown, suggestion
 from estimator.arrays import Array
 from service.config.fitting import plannable
 from service.errors import DataError, PlanError, RequestError
-from service.forecast.plan import Grid, Inputs, Timed, Values, check, column
+from service.forecast.plan import Grid, Inputs, Timed, Values, check, check_price
 from service.forecast.request import whole_steps
 from service.records.outlook import SET_POINTS
 from thermogate.arguments import duration, plain
@@ -60,7 +60,7 @@ def planned_price(price: object, settings: Settings, begin: float, steps: int) -
     grid = Grid(begin, settings.zone.period, steps)
     values = _values("price", price, settings, grid)
     try:
-        column(values, grid)
+        check_price(values, grid)
     except PlanError as error:
         raise DataError(f"the price {error}") from None
     return values

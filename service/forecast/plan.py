@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adapters.fields.durations import format_duration
+from adapters.fields.times import written_time
 from adapters.units import default_valid_range
 from estimator.arrays import Array
 from estimator.network.network import Network
@@ -80,6 +81,12 @@ def column(values: Values, grid: Grid) -> Array:
             f"{grid.steps} values, or one number for all"
         )
     return np.asarray(values, dtype=np.float64)
+
+
+def check_price(values: Values, grid: Grid) -> None:
+    """PlanError if `values` do not say what a kWh costs in every period of `grid`."""
+    if np.isnan(column(values, grid)).any():
+        raise PlanError(f"says nothing of the time before its first value; begin it at {written_time(grid.start)}")
 
 
 def check(values: Values, channel: str, network: Network, limits: Limits, grid: Grid) -> None:

@@ -90,8 +90,10 @@ class PlannedZone(NamedTuple):
     @property
     def why_no_law(self) -> str:
         """Why no law of a thermostat is known, in a sentence with its remedies."""
-        heat = ", ".join(self._power) or "none"
-        if not len(self.standing.carried.thermostat.memory.times):
+        heat, thermostat = ", ".join(self._power) or "none", self.standing.carried.thermostat
+        if self._plans_heating and self.worker.loop.live.obeyed(thermostat):
+            return f"{SET_POINTS} and the heat that obeys it ({heat}) are both planned; plan one of them"
+        if not len(thermostat.memory.times):
             return (
                 f"no set-point was measured yet, so nobody knows what {SET_POINTS} does; give the zone a "
                 f"[zones.setpoint] (tg.fit: a column {SET_POINTS}), or plan the heating in W ({heat})"

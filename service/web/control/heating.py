@@ -24,7 +24,7 @@ from service.forecast.heating import (
     refusal,
     together,
 )
-from service.forecast.plan import Grid, Plan, Values, check, column
+from service.forecast.plan import Grid, Plan, Values, check, check_price
 from service.forecast.request import ForecastRequest, bound, steps_of
 from service.records.outlook import SET_POINTS
 from service.records.view import Answer, Question, ZoneView
@@ -154,8 +154,9 @@ async def what_if(site: Here, view: Asked, body: WhatIfBody) -> Comparison:
         Course(one.name, _check(view, steps, one.T_set, f"field 'plans[{place}].T_set'"))
         for place, one in enumerate(body.plans)
     ]
-    price = None if body.price is None else _check(view, steps, body.price, "field 'price'", limited=False)
-    return await _answer(view, body.horizon, CompareQuestion(steps, courses, price))
+    if body.price is not None:
+        _check(view, steps, body.price, "field 'price'", price=True)
+    return await _answer(view, body.horizon, CompareQuestion(steps, courses, body.price))
 
 
 def _demand(view: ZoneView, body: DemandBody) -> DemandQuestion:
@@ -169,14 +170,14 @@ def _steps(view: ZoneView, horizon: float, plans: int) -> int:
     return steps_of(request, view)
 
 
-def _check(view: ZoneView, steps: int, values: Values, place: str, *, limited: bool = True) -> Values:
-    """What is planned over `steps` steps, of set-points if `limited`; RequestRefused where that cannot be."""
+def _check(view: ZoneView, steps: int, values: Values, place: str, *, price: bool = False) -> Values:
+    """The set-points, or the `price`, of `steps` steps; RequestRefused where these cannot be planned."""
     grid = Grid(newest(view).forecast.valid_time, view.period, steps)
     try:
-        if limited:
-            check(values, SET_POINTS, view.network, view.surroundings.limits, grid)
+        if price:
+            check_price(values, grid)
         else:
-            column(values, grid)
+            check(values, SET_POINTS, view.network, view.surroundings.limits, grid)
     except PlanError as error:
         raise invalid([f"{place} {error}"]) from None
     return values
