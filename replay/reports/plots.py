@@ -16,7 +16,7 @@ from replay.reports.residuals import Diagnostics
 from replay.scores.intervals import pit_histogram
 from service.forecast.answers import Room
 
-_INK, _BLUE, _BAND, _WARM, _LINE = "#1b2430", "#0b5c8a", "rgba(11,92,138,.22)", "#c2571a", "#5b6776"
+_INK, _BLUE, _BAND, _WARM = "#1b2430", "#0b5c8a", "rgba(11,92,138,.22)", "#c2571a"
 _GREEN = "#2e7d4f"
 _COLOURS = (_WARM, "#3d8b4f", "#8a3b8f", "#a8841a", "#b3324b", "#1f9aa0", "#767676")
 _SYMBOLS = {"degC": "°C", "W/m2": "W/m²"}
