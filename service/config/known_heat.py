@@ -91,12 +91,11 @@ def shared(drafts: Sequence[ZoneDraft], problems: Problems) -> None:
     """
     readers: dict[str, list[tuple[ZoneDraft, str]]] = {}
     for draft in drafts:
-        for name, channel in draft.channels.items():
-            if channel.share is None or draft.network is None or name not in draft.network.channels:
+        for place, name, channel in draft.delivered:
+            if channel.share is None or (unit := draft.unit(name)) is None:
                 continue
-            place, unit = (*draft.place, "channels", name, "share"), draft.network.channel_unit(name)
             if unit != "W":
-                problems.add(place, f"is for a meter of heat in W, and {name} is in {unit}; remove it")
+                problems.add((*place, "share"), f"is for a meter of heat in W, and {name} is in {unit}; remove it")
             elif isinstance(channel.share, str):
                 readers.setdefault(channel.share, []).append((draft, name))
             else:
