@@ -1,8 +1,8 @@
 """A daemon's history as the period of a report: its samples once more through the zones' workers.
 
-What the daemon keeps is its own word: the published forecasts, the unmeasured gain, and in the newest checkpoint skill
-and findings. What it does not keep, how parameters and fans of whole days went, follows from its accepted samples, for
-the same samples and settings give the same bits.
+What the daemon keeps is its own word: the published forecasts, the unmeasured gain, and in the newest checkpoint skill,
+findings, laws of the thermostat and what it knows of the room. What it does not keep, how parameters and fans of whole
+days went, follows from its accepted samples, for the same samples and settings give the same bits.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from tqdm import tqdm
 
 from replay.errors import ReplayError
 from replay.localtime import DAY
-from replay.recorded.trace import Trace, Tracer
+from replay.recorded.trace import Trace, Tracer, room_of
 from service.config.fitting import fingerprint, make_worker
 from service.config.site import ZoneConfig
 from service.errors import StateMismatch
+from service.forecast.learned import learned_laws
 from service.recordings.samples import SLOW
 from service.records.history import HistoryRow
 from service.records.sample import Sample
@@ -98,11 +99,15 @@ def _trace(state: StoredState, zone: ZoneConfig, start: int, tick: Callable[[int
     published = {row.time: row for row in state.journal.history(zone.id, trace.rows[0].time, None, _MOST_ROWS)}
     rows = [_kept(published.get(row.time, row), row) for row in trace.rows]
     trace = trace._replace(rows=rows, notes=(_note(trace, published),))
-    if checkpoint is None or checkpoint.is_beginning:
-        return trace
-    daemon = make_worker(zone)
-    snapshot.restore(daemon, checkpoint)
-    return trace._replace(skill=daemon.skill(), diagnosis=daemon.diagnosis())
+    if checkpoint is not None and not checkpoint.is_beginning:
+        worker = make_worker(zone)
+        snapshot.restore(worker, checkpoint)
+    return trace._replace(
+        skill=worker.skill(),
+        diagnosis=worker.diagnosis(),
+        laws=learned_laws(worker),
+        room=room_of(zone, worker, rows, trace.inputs),
+    )
 
 
 def _kept(published: HistoryRow, learned: HistoryRow) -> HistoryRow:
@@ -122,7 +127,8 @@ def _note(trace: Trace, published: dict[int, HistoryRow]) -> str:
         return f"`{trace.zone}`: every forecast that the daemon has published follows from its samples, bit for bit."
     since = f"{trace.moment(trace.rows[0].time)} ({trace.clock})"
     return (
-        f"`{trace.zone}`: bands, residuals and gain are those that the daemon published, skill and findings those of "
-        f"its newest checkpoint. Parameters and forecasts of whole days were learned anew from the samples since "
-        f"{since}, and are not those that the daemon had then ({same} of {len(both)} forecasts are the same)."
+        f"`{trace.zone}`: bands, residuals and gain are those that the daemon published; skill, findings, thermostat "
+        "and the answers about the room are those of its newest checkpoint. Parameters and forecasts of whole days "
+        f"were learned anew from the samples since {since}, and are not those that the daemon had then ({same} of "
+        f"{len(both)} forecasts are the same)."
     )

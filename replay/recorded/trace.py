@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -103,6 +103,20 @@ class Trace(NamedTuple):
         return gain if np.isfinite(gain).any() else gain[:0]
 
 
+def room_of(zone: ZoneConfig, worker: ZoneWorker, rows: Sequence[HistoryRow], inputs: Array) -> Room | None:
+    """How the `zone` did in the last days of `rows`, with the `inputs` (K, n_u) that were in force, as its `worker` has
+    come to know it; None without a row."""
+    if not rows:
+        return None
+    rows = rows[-_ROOM_DAYS * DAY // worker.period :]
+    names = ("time", "y", "setpoint", *GAIN)
+    told = np.array([[getattr(row, name) for name in names] for row in rows], dtype=np.float64)
+    times, y, setpoint, *gain = told.T
+    past = Past(times, float(worker.period), y, setpoint, np.column_stack(gain), inputs[-len(rows) :])
+    area = np.nan if zone.floor_area is None else zone.floor_area
+    return RoomQuestion(past, area, zone.whereabouts.time_zone)(worker, NO_WEATHER, lambda: False)
+
+
 class _Issue(NamedTuple):
     """A forecast that waits for its day to pass."""
 
@@ -148,6 +162,7 @@ class Tracer:
     def trace(self, faults: Mapping[str, int]) -> Trace:
         """Everything that was noted, with what the worker knows now. `faults` are those of its alignment."""
         zone, worker, count = self._zone, self._worker, len(self._rows)
+        inputs = np.array(self._inputs).reshape(count, len(worker.network.inputs))
         return Trace(
             zone=zone.id,
             network=worker.network,
@@ -156,7 +171,7 @@ class Tracer:
             level=zone.levels[0],
             options=registry.as_mapping(zone.options),
             rows=self._rows,
-            inputs=np.array(self._inputs).reshape(count, len(worker.network.inputs)),
+            inputs=inputs,
             looks=np.array(self._looks, dtype=np.int64),
             parameters=np.array(self._parameters).reshape(-1, len(worker.network.parameters), len(LEVELS)),
             heat_loss=np.array(self._heat_loss).reshape(-1, len(LEVELS)),
@@ -164,7 +179,7 @@ class Tracer:
             skill=worker.skill(),
             diagnosis=worker.diagnosis(),
             laws=learned_laws(worker),
-            room=self._room(),
+            room=room_of(zone, worker, self._rows, inputs),
             time_zone=zone.whereabouts.time_zone,
             faults=faults,
         )
@@ -195,20 +210,6 @@ class Tracer:
         ends = packed["fan_ends"].astype(np.int64)[:-1]
         parts = (np.split(packed[name], ends) for name in ("fan_times", "fan_quantiles"))
         self._fans = [Fan(times.astype(np.int64), found) for times, found in zip(*parts, strict=True) if len(times)]
-
-    def _room(self) -> Room | None:
-        if not self._rows:
-            return None
-        rows, table = self._rows[-_ROOM_DAYS * DAY // self._worker.period :], np.array(self._inputs)
-        names = ("time", "y", "setpoint", *GAIN)
-        times, y, setpoint, *gain = np.array(
-            [[getattr(row, name) for name in names] for row in rows], dtype=np.float64
-        ).T
-        inputs = table.reshape(len(self._rows), -1)[-len(rows) :]
-        past = Past(times, float(self._worker.period), y, setpoint, np.column_stack(gain), inputs)
-        area = self._zone.floor_area
-        question = RoomQuestion(past, np.nan if area is None else area, self._zone.whereabouts.time_zone)
-        return question(self._worker, NO_WEATHER, lambda: False)
 
     def _look(self, update: Update) -> None:
         period = self._worker.period

@@ -278,6 +278,10 @@ def test_a_shorter_period_keeps_the_published_forecasts_and_says_what_is_new(rep
     (trace,) = stored_traces(folder, load(folder / CONFIGURATION).zones, 1, progress=False)
     assert repr(trace.rows) == repr(whole.rows[-144:])
     assert "were learned anew from the samples since 2024-04-12 00:00 (UTC), and" in trace.notes[0]
+    assert "; skill, findings, thermostat and the answers about the room are those of its" in trace.notes[0]
+    (known,) = stored_traces(folder, load(folder / CONFIGURATION).zones, None, progress=False)
+    day, all_days = ({one.about: one for one in each.room.answers} for each in (trace, known))
+    assert day["heat_loss"] == all_days["heat_loss"], "what the daemon knows, not what a day teaches"
 
 
 def test_topology_takes_the_samples_of_a_daemon(replayed, state):
