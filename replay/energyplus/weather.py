@@ -7,6 +7,7 @@ from datetime import date, timedelta
 from pathlib import Path
 from typing import NamedTuple
 
+from estimator.heat.sun import Location
 from replay.errors import WeatherFileError
 from replay.localtime import HOUR
 
@@ -25,10 +26,12 @@ _UNSURE = "?9" * 20
 
 
 class WeatherFile(NamedTuple):
-    """An EPW file, the place that it names, and how many s its standard time is ahead of UTC (no daylight saving)."""
+    """An EPW file, the place that it names, where that is, and how many s its standard time is ahead of UTC; nobody
+    saves daylight."""
 
     path: Path
     place: str
+    location: Location
     ahead_of_utc: int
 
 
@@ -50,10 +53,12 @@ def weather_file(name: str, packaged: Path) -> WeatherFile:
     if cells[0] != "LOCATION" or len(cells) < 10:
         raise WeatherFileError(f"weather {path}: an EPW file begins with LOCATION, and this one does not")
     try:
-        hours = float(cells[8])
+        latitude, longitude, hours = map(float, cells[6:9])
     except ValueError:
-        raise WeatherFileError(f"weather {path}: its time zone {cells[8]!r} is not a number of hours") from None
-    return WeatherFile(path.resolve(), cells[1].strip(), round(hours * HOUR))
+        raise WeatherFileError(
+            f"weather {path}: latitude, longitude and time zone, {', '.join(cells[6:9])!r}, are not three numbers"
+        ) from None
+    return WeatherFile(path.resolve(), cells[1].strip(), Location(latitude, longitude), round(hours * HOUR))
 
 
 def write_steady(path: Path, place: WeatherFile, *, outdoor: float, wind: float) -> WeatherFile:
@@ -82,4 +87,4 @@ def write_steady(path: Path, place: WeatherFile, *, outdoor: float, wind: float)
         "DATA PERIODS,1,1,Data,Sunday,1/1,12/31",
     ]
     path.write_text("\n".join([*head, *hours]) + "\n", encoding="utf-8")
-    return WeatherFile(path, place.place, place.ahead_of_utc)
+    return place._replace(path=path)

@@ -31,7 +31,7 @@ from replay.experiments.progress import steps as shown
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, built, steps
 from replay.experiments.study import Figures, Results, Study, targets
-from replay.lab.experiments.recordings import CHICAGO, DENVER, FIRST_DAY, energyplus_room
+from replay.lab.experiments.recordings import FIRST_DAY, energyplus_room
 from replay.lab.experiments.rooms import read_room
 from replay.localtime import DAY
 from replay.reports.kit.document import Document
@@ -106,11 +106,10 @@ def _rooms(entry: Mapping[str, Any], folder: Path | None, days: int) -> Iterator
     known, wrong = (Building(**entry.get(key, {})) for key in ("known", "wrong"))
     if "building" in entry:
         library()
-        building, location = building_named(entry["building"]), {"chicago": CHICAGO, "denver": DENVER}[entry["weather"]]
-        long = HISTORY + days
+        building, long = building_named(entry["building"]), HISTORY + days
         life = record(building, entry["weather"], begin=FIRST_DAY, days=long, heating=entry["heating"], seed=1)
         for index, room in enumerate(building.rooms):
-            yield Room(energyplus_room(life, index, location), room.size[0] * room.size[1], known, wrong)
+            yield Room(energyplus_room(life, index), room.size[0] * room.size[1], known, wrong)
         return
     areas = entry.get("areas", [None] * len(entry["rooms"]))
     for name, area in zip(shown(entry["rooms"], "reading", len(areas)), areas, strict=True):

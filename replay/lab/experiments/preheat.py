@@ -28,6 +28,7 @@ from replay.localtime import DAY, HOUR
 from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
 from replay.scores.intervals import Mask
+from service.config.fitting import known_heat
 from service.forecast.heating import PreheatQuestion
 from service.records.sample import Sample
 from service.zone.foresight.outlook import NO_WEATHER
@@ -87,12 +88,18 @@ class Asking(Controller):
 
     def __init__(self, run: PreheatRun, scene: Scene) -> None:
         self.asked: list[_Question] = []
-        self._building, self._life, self._networks = scene.of, scene.life(), list(networks_of(scene.of).values())
+        self._building, self._life = scene.of, scene.life()
+        self._networks = list(networks_of(scene.of, scene.whereabouts.location).values())
         self._relay = OnOff(np.array([room.heater for room in scene.of.rooms]))
         self._learned = min(LEARNED, run.days // 2) * DAY // STEP
         settings = WorkerSettings(run.seed, (0.95,), 12, PERIOD)
         self._workers = [
-            ZoneWorker(registry.build(run.estimator, network, PERIOD, {}), settings) for network in self._networks
+            ZoneWorker(
+                registry.build(run.estimator, network, PERIOD, {}),
+                settings,
+                known_heat(network, PERIOD, scene.whereabouts),
+            )
+            for network in self._networks
         ]
         self._wanted = np.empty(0)
         self._steps: list[tuple[Moment, Array, Array]] = []

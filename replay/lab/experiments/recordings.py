@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.heat.sun import Location
 from estimator.network import presets
 from replay.energyplus.buildings import building_named
 from replay.energyplus.heat_loss import heat_loss
@@ -45,8 +44,6 @@ FILES = (*rooms.FILES, WEATHER)
 
 FIRST_DAY, _DAYS = date(2025, 1, 6), 28
 """Of the recordings of EnergyPlus: three weeks to learn in, and one more."""
-
-CHICAGO, DENVER = Location(41.98, -87.92), Location(39.74, -105.18)
 
 _log = logging.getLogger(__name__)
 
@@ -101,12 +98,12 @@ def _ecolar(period: ecolar.Period, folder: Path | None) -> Recording:
     return recording._replace(name=f"Ecolar {period}", what=what, measured=False)
 
 
-def _energyplus(name: str, room: str, heating: str, weather: str, location: Location, folder: Path | None) -> Recording:
+def _energyplus(name: str, room: str, heating: str, weather: str, folder: Path | None) -> Recording:
     """Room `room` of a building of EnergyPlus."""
     building = building_named(name)
     index = [known.name for known in building.rooms].index(room)
     life = record(building, weather, begin=FIRST_DAY, days=_DAYS, heating=heating, seed=_DATA_SEED)
-    simulated = energyplus_room(life, index, location)
+    simulated = energyplus_room(life, index)
     loss = heat_loss(building, life.weather, outdoor=float(life.outdoor.mean()), wind=float(life.wind.mean()))
     ended = np.concatenate([[np.nan], life.truth.gain[:-1, index]])
     where = f"its room '{room}', heating {heating}, weather {weather}"
@@ -114,9 +111,9 @@ def _energyplus(name: str, room: str, heating: str, weather: str, location: Loca
     return simulated._replace(name=f"EnergyPlus {name}", what=what, known=Known(ended, float(loss.outdoors[index])))
 
 
-def energyplus_room(life: Life, index: int, location: Location) -> Recording:
+def energyplus_room(life: Life, index: int) -> Recording:
     """The room at `index` of a recording, with the network that a zone with its channels gets by default."""
-    building = life.building
+    building, location = life.building, life.weather.location
     columns = {
         "T_i": life.air[:, index],
         "T_out": life.outdoor,
@@ -136,7 +133,7 @@ RECORDINGS: Mapping[str, Reader] = {
     "building 67": _building_67,
     "Ecolar spring": partial(_ecolar, "spring"),
     "Ecolar autumn": partial(_ecolar, "autumn"),
-    "EnergyPlus house": partial(_energyplus, "house", "ground", "on-off", "chicago", CHICAGO),
-    "EnergyPlus timber": partial(_energyplus, "timber", "house", "planned", "denver", DENVER),
-    "EnergyPlus office": partial(_energyplus, "office", "west", "proportional", "chicago", CHICAGO),
+    "EnergyPlus house": partial(_energyplus, "house", "ground", "on-off", "chicago"),
+    "EnergyPlus timber": partial(_energyplus, "timber", "house", "planned", "denver"),
+    "EnergyPlus office": partial(_energyplus, "office", "west", "proportional", "chicago"),
 }

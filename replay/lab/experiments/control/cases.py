@@ -9,10 +9,13 @@ import numpy as np
 
 from estimator.arrays import Array
 from replay.energyplus.buildings import Building, building_named
+from replay.energyplus.library import weather_folder
 from replay.energyplus.people import Life
 from replay.energyplus.plant import STEP, Inputs
+from replay.energyplus.weather import weather_file
 from replay.localtime import DAY, HOUR
 from replay.scores.intervals import Mask
+from service.config.site import Whereabouts
 
 STEPS_A_DAY = round(DAY / STEP)
 WARMEST = 24.0
@@ -67,6 +70,11 @@ class Scene(NamedTuple):
     def of(self) -> Building:
         """The building itself."""
         return building_named(self.building)
+
+    @property
+    def whereabouts(self) -> Whereabouts:
+        """Where it stands, by its weather."""
+        return Whereabouts(weather_file(self.weather, weather_folder()).location)
 
     def life(self) -> Life:
         """Its people."""

@@ -31,7 +31,7 @@ class Moment(NamedTuple):
 
 class Lived(NamedTuple):
     """K steps of the life of N rooms. `air` (K, N) is exact and at the beginning of each step, `shown` (K, N) is what
-    the thermometers said; `heating` (K, N) [W], `outdoor` (K,) and `irradiance` (K,), on the southern wall, hold over
+    the thermometers said; `heating` (K, N) [W], `outdoor` (K,) and `irradiance` (K,), on the horizontal, hold over
     the step. `planned` (K, N) says whether a plan heated, and not a thermostat."""
 
     times: Seconds
@@ -71,8 +71,8 @@ def close(scene: Scene, controller: Controller) -> Lived:
             wanted, planned = controller.powers(moment)
             after = plant.step(lived(scene, life, index, local, wanted))
             heating = after.truth.heating
-            controller.saw(moment, heating, now.outdoor, after.facade)
-            rows.append((moment.time, local, now.air, shown, heating, now.outdoor, after.facade, planned))
+            controller.saw(moment, heating, now.outdoor, now.irradiance)
+            rows.append((moment.time, local, now.air, shown, heating, now.outdoor, now.irradiance, planned))
     return Lived(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
@@ -81,8 +81,8 @@ def weather_of(scene: Scene) -> tuple[Array, Array]:
     with Plant(scene.of, scene.weather, begin=BEGIN) as plant:
         seen = []
         for _ in range(scene.steps + STEPS_A_DAY):
-            outdoor = plant.now.outdoor
-            seen.append((outdoor, plant.step(plant.idle()).facade))
+            seen.append((plant.now.outdoor, plant.now.irradiance))
+            plant.step(plant.idle())
     outdoor, irradiance = np.array(seen).T
     return outdoor, irradiance
 

@@ -70,10 +70,10 @@ def _lived(run: ControlRun) -> Lived:
     with ExitStack() as opened:
 
         def make(samples: Mapping[str, Sequence[Sample]]) -> Site:
-            networks = networks_of(scene.of)
+            networks = networks_of(scene.of, None if estimator == "ekf" else scene.whereabouts.location)
             if fitted:
                 networks = {name: _fitted(network, samples[name], scene.seed) for name, network in networks.items()}
-            return opened.enter_context(closing(Site(scene.of, networks, estimator, {}, scene.seed)))
+            return opened.enter_context(closing(Site(scene.of, networks, estimator, scene.seed, scene.whereabouts)))
 
         planner = Planner(scene, make, weather_of(scene), begins=begins, trusting=trusting, margin=run.margin)
         return close(scene, planner)

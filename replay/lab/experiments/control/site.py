@@ -16,10 +16,14 @@ import numpy as np
 
 from estimator import registry
 from estimator.arrays import Array
+from estimator.heat.sun import Location
 from estimator.network import presets
 from estimator.network.network import Network
 from replay.energyplus.buildings import Building
 from replay.energyplus.plant import STEP
+from service.config.fitting import known_heat
+from service.config.known_heat import usually_heated
+from service.config.site import Whereabouts
 from service.publish.metrics import Metrics
 from service.records.outlook import Surroundings
 from service.records.sample import Sample
@@ -37,14 +41,15 @@ _LEVELS, _MAX_GAP, _HOLD = (0.95,), 12, 900.0
 _NEVER = 1e9
 
 
-def networks_of(building: Building) -> dict[str, Network]:
-    """The network `auto` of every room: outdoors, sun, its own heater, and the rooms beside it."""
-    return {
-        room.name: presets.automatic(
-            ["T_out", HEATER, "I_sol", *(adjacent(building.rooms[other].name) for other in building.neighbours(index))]
-        ).validate()
-        for index, room in enumerate(building.rooms)
-    }
+def networks_of(building: Building, location: Location | None = None) -> dict[str, Network]:
+    """The network `auto` of every room: outdoors, sun, its own heater, and the rooms beside it; where the `location` is
+    given, with sun and habits as a zone that sets none has them."""
+    found = {}
+    for index, room in enumerate(building.rooms):
+        beside = [adjacent(building.rooms[other].name) for other in building.neighbours(index)]
+        network = presets.automatic(["T_out", HEATER, "I_sol", *beside])
+        found[room.name] = (network if location is None else usually_heated(network, location)).validate()
+    return found
 
 
 def adjacent(room: str) -> str:
@@ -69,10 +74,10 @@ class Site:
         building: Building,
         networks: Mapping[str, Network],
         estimator: str,
-        options: Mapping[str, object],
         seed: int,
+        whereabouts: Whereabouts,
     ) -> None:
-        """`networks` by room, an estimator with its `options` for each."""
+        """`networks` by room, an estimator for each, which stands at `whereabouts`."""
         self._open = ExitStack()
         folder = Path(self._open.enter_context(tempfile.TemporaryDirectory(prefix="thermogate-control-")))
         self._runner = self._open.enter_context(asyncio.Runner())
@@ -83,8 +88,9 @@ class Site:
         shared = Plumbing("control", store, pool, Questions(asking, stopping), stopping, metrics, (metrics,), _NEVER)
         self._zones: dict[str, Zone] = {}
         for index, room in enumerate(building.rooms):
-            made = registry.build(estimator, networks[room.name], STEP, options)
-            worker = ZoneWorker(made, WorkerSettings(seed, _LEVELS, _MAX_GAP, _HOLD))
+            network = networks[room.name]
+            settings, heat = WorkerSettings(seed, _LEVELS, _MAX_GAP, _HOLD), known_heat(network, STEP, whereabouts)
+            worker = ZoneWorker(registry.build(estimator, network, STEP, {}), settings, heat)
             beside = [building.rooms[other].name for other in building.neighbours(index)]
             surroundings = Surroundings(
                 limits={HEATER: (0.0, room.heater)}, neighbours={adjacent(other): (other, "T_i") for other in beside}

@@ -98,7 +98,7 @@ def test_what_is_told_of_the_weather_is_that_of_the_step(runs: Mapping[str, Arra
     outdoor, sun = weather_of(SHORT)
     assert len(outdoor) == len(sun) == SHORT.steps + STEPS_A_DAY
     for told in (sun[: SHORT.steps], runs[THERMOGATE]["irradiance"]):
-        np.testing.assert_allclose(told, recorded.facade)
+        np.testing.assert_allclose(told, recorded.irradiance)
     np.testing.assert_array_equal(outdoor[: SHORT.steps], runs[THERMOGATE]["outdoor"])
 
 
