@@ -145,7 +145,7 @@ def test_warm_up_is_controlled_and_its_failure_reported_to_the_caller() -> None:
     [
         (None, WeatherFileError, "No such file"),
         ("Dear all\n", WeatherFileError, "begins with LOCATION"),
-        ("LOCATION,a,b,c,d,e,1,2,early,3\n", WeatherFileError, "'early' is not a number"),
+        ("LOCATION,a,b,c,d,e,1,2,early,3\n", WeatherFileError, "'1, 2, early', are not three numbers"),
         ("LOCATION,a,b,c,d,e,1,2,-7.0,3\n", EnergyPlusError, "EnergyPlus has ended: "),
     ],
 )
