@@ -85,7 +85,7 @@ def check_until(by: float, start: float, period: float) -> None:
 
 class PreheatQuestion(NamedTuple):
     """Asks when to raise the set-point to `target` [degC], for the room to be no more than `tolerance` [K] below it
-    `by` UTC s with a probability.
+    `by` UTC s with a probability. Until the start it falls as it is likely to, and nobody raises it.
 
     Where the thermostat itself lets the room stray that far nearly as often as is allowed, or more often, no early
     start helps: then the answer is the latest one that an hour more would hardly better (_AS_GOOD).
@@ -104,12 +104,12 @@ class PreheatQuestion(NamedTuple):
         start, period = float(standing.update.forecast.valid_time), worker.period
         steps = max(1, int(np.ceil((self.by - start) / period)))
         futures = _Futures(worker, standing, weather, steps, given_up)
-        before = futures.setpoint
+        before = futures.falling
         fans: dict[int, Fan] = {}
 
         def reached(step: int) -> float:
-            setpoints = np.full(steps, before)
-            setpoints[step:] = max(self.target, before)
+            setpoints = before.copy()
+            setpoints[step:] = np.maximum(self.target, before[step:])
             fans[step] = futures.under(setpoints)
             return answers.probability_above(fans[step].outputs.at(steps), self.target - self.tolerance)
 
@@ -142,7 +142,7 @@ class PreheatQuestion(NamedTuple):
             reached=answers.probability_above(last, self.target - self.tolerance),
             temperature=Range(float(last.mean()[0]), lower, upper),
             energy=_range(answers.energy(fan.heat, period, spans).stretched(fan.energy_scales[-1:])),
-            setpoint_before=before,
+            setpoint_before=float(before[max((found or 0) - 1, 0)]),
         )
 
 
@@ -276,6 +276,12 @@ class _Futures:
         self._shares, self._columns = Shares.of(worker), thermostat.laws.column.astype(np.int64)
         outlook = worker.foresight.outlook(standing.update.forecast, standing.day, steps, weather)
         self._ahead, self._given_up = self._zone.ahead(outlook), given_up
+
+    @property
+    def falling(self) -> Array:
+        """(h,): the set-points [degC] to come while nobody raises any: at most the present one, and lower as is
+        likely."""
+        return np.asarray(np.fmin.accumulate(np.fmin(self._zone.likely, self.setpoint)))
 
     def planned(self, setpoints: Values) -> Array:
         """(h,): set-points [degC]; the present one where none is planned yet."""

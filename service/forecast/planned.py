@@ -65,7 +65,7 @@ class PlannedZone(NamedTuple):
         if self._plans_set_points:
             if not live.obeyed(thermostat):
                 raise NoLaw(self.why_no_law)
-            told = self._set_points(thermostat)
+            told = self._set_points
             return live.planned(carried.live, state, thermostat, told, ahead, carried.held.values, start)
         if self._plans_heating or not live.knows(thermostat, self.grid.start):
             return None
@@ -80,7 +80,7 @@ class PlannedZone(NamedTuple):
         if not self._plans_set_points and self._plans_heating:
             return None
         models, before = of_draws(draws, self.worker.period, 1), self.standing.carried.held.values
-        return LawRoom(models, thermostat.laws, self._set_points(thermostat), before, self.driving)
+        return LawRoom(models, thermostat.laws, self._set_points, before, self.driving)
 
     @property
     def obedient(self) -> Collection[str]:
@@ -131,10 +131,15 @@ class PlannedZone(NamedTuple):
         driven = [self.network.inputs[int(place)] for place in laws.column] or self._power
         return any(channel in self.planned for channel in driven)
 
-    def _set_points(self, thermostat: Thermostat) -> Array:
+    @property
+    def likely(self) -> Array:
+        """(h,): the likeliest set-points [degC]; NaN where there is no law."""
+        return self.worker.loop.live.likely(self.standing.carried.live, self._thermostat, self._times)
+
+    @property
+    def _set_points(self) -> Array:
         """(h,): as planned, and otherwise as is likeliest."""
-        likely = self.worker.loop.live.likely(self.standing.carried.live, thermostat, self._times)
         if not self._plans_set_points:
-            return likely
+            return self.likely
         told = column(self.planned[SET_POINTS], self.grid)
-        return np.where(np.isnan(told), likely, told)
+        return np.where(np.isnan(told), self.likely, told)

@@ -101,6 +101,15 @@ def test_a_time_of_day_is_the_next_one_also_where_the_clocks_are_put_back():
     assert by("02:30", "2026-03-29T00:00+01:00") == "2026-03-29T01:30:00+00:00", "there is none: an hour later"
 
 
+def test_by_day_the_set_back_before_the_morning_is_foreseen(worker):
+    question = PreheatQuestion(21.0, (MIDNIGHT + 6.5) * 3600.0, 0.9, 0.5)
+    heating = worker.standing.carried.thermostat._replace(setpoint=21.0)
+    standing = worker.standing._replace(carried=worker.standing.carried._replace(thermostat=heating))
+    by_day = fresh()
+    by_day.resume(standing, worker.input_quality, worker.progress, worker.trust)
+    assert answer(by_day, question) == answer(worker, question), "as if it were set back already"
+
+
 def test_what_cannot_be_reached_is_said_with_the_probability_of_starting_now(worker):
     found = answer(worker, PreheatQuestion(24.0, (MIDNIGHT + 1.0) * 3600.0, 0.9, 0.5))
     assert found.start is None
