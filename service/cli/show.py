@@ -60,6 +60,7 @@ def demo_requests(config: Config) -> list[str]:
         f"  curl '{url}/zones'",
         f"  curl '{url}/zones/{zone}/forecast?level=0.5&level=0.95'",
         f"  curl '{url}/zones/{zone}/parameters'",
+        f"For its report, while it runs: thermogate report {config.site.state_dir}",
         "Ctrl-C stops.",
     ]
 
