@@ -105,6 +105,7 @@ def _trace(state: StoredState, zone: ZoneConfig, start: int, tick: Callable[[int
     return trace._replace(
         skill=worker.skill(),
         diagnosis=worker.diagnosis(),
+        trust=worker.trust,
         laws=learned_laws(worker),
         room=room_of(zone, worker, rows, trace.inputs),
     )

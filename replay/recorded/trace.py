@@ -23,6 +23,7 @@ from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.record import values
 from service.records.series import GAIN
 from service.records.skill import Skill
+from service.records.trust import Trust
 from service.records.update import Update
 from service.zone.foresight.outlook import NO_WEATHER
 from service.zone.worker import ZoneWorker
@@ -79,6 +80,8 @@ class Trace(NamedTuple):
     """Of the thermostat."""
     room: Room | None = None
     """How the room did over the last weeks of the period, and what to do; None without a sample."""
+    trust: Trust = Trust()
+    """How far the forecasts can be relied on at the end."""
     time_zone: str | None = None
     """IANA name; None: UTC."""
 
@@ -180,6 +183,7 @@ class Tracer:
             diagnosis=worker.diagnosis(),
             laws=learned_laws(worker),
             room=room_of(zone, worker, self._rows, inputs),
+            trust=worker.trust,
             time_zone=zone.whereabouts.time_zone,
             faults=faults,
         )

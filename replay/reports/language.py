@@ -43,7 +43,7 @@ def sayer(language: str) -> Say:
 
 def _spaced(text: str) -> str:
     """`text` with lengths of time, which the daemon writes as a configuration does, as people write them."""
-    return _DURATION.sub(r"\1 \2", text)
+    return _DURATION.sub(lambda found: "24 h" if found[0] == "1d" else f"{found[1]} {found[2]}", text)
 
 
 def in_language(report: Report, language: str, names: Collection[str]) -> Report:

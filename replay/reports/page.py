@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import takewhile
 
 import numpy as np
 from tqdm import tqdm
 
+from adapters.fields.durations import format_duration
 from replay.recorded.trace import Trace
 from replay.reports import plots, tables
 from replay.reports.advice import advice
@@ -16,6 +18,7 @@ from replay.reports.kit.table import Table
 from replay.reports.residuals import diagnostics
 from service.forecast.answers import Room
 from service.recordings.samples import SLOW
+from service.records.trust import TRUSTED, Trust
 
 
 def report(site: str, traces: Sequence[Trace], progress: bool = False) -> Report:
@@ -25,12 +28,16 @@ def report(site: str, traces: Sequence[Trace], progress: bool = False) -> Report
     clocks = " and ".join(dict.fromkeys(trace.clock for trace in traces))
     return Report(
         document.title.format(site=site),
-        (*map(_in_a_sentence, traces), *(note for trace in traces for note in trace.notes)),
+        tuple(map(_in_a_sentence, traces)),
         (
             *([document.section("All rooms", tables.to_do(traces))] if several else []),
             *(section for trace in drawn for section in _zone(document, trace, several)),
             document.section(
-                "All zones", tables.zones(traces), tables.skill(traces) if several else None, clocks=clocks
+                "All zones",
+                tables.zones(traces),
+                tables.skill(traces) if several else None,
+                clocks=clocks,
+                notes=PARTED.join(note for trace in traces for note in trace.notes),
             ),
         ),
     )
@@ -50,6 +57,19 @@ def _answers(room: Room) -> tuple[str, ...]:
     to_do = tuple(f"{place}. {one.what}: {one.why}." for place, one in enumerate(room.to_do, start=1))
     done = ("What to do:", *to_do) if to_do else ("Nothing is to be done.",)
     return (*(f"{one.sentence}." for one in room.answers), *done)
+
+
+def _trusted(trust: Trust) -> str:
+    """How far the forecasts can be relied on, and why no further."""
+    good = takewhile(
+        lambda one: one.level == TRUSTED and not (trust.beaten and one.lead > trust.good_up_to), trust.horizons
+    )
+    leads = [format_duration(one.lead) for one in good]
+    head = f"Nothing speaks against the forecasts up to {leads[-1]} ahead" if leads else "Take the forecasts with care"
+    reasons = dict.fromkeys(one.reason for one in trust.horizons if one.reason)
+    return "; ".join(
+        [head, *(reason for reason in reasons if reason not in trust.beaten), *filter(None, [trust.beaten])]
+    )
 
 
 def _zone(document: Document, trace: Trace, named: bool) -> Iterator[Section]:
@@ -73,6 +93,7 @@ def _zone(document: Document, trace: Trace, named: bool) -> Iterator[Section]:
         plots.record(trace),
         plots.fans(trace) if trace.fans else None,
         plots.gain(trace) if len(trace.gain) else None,
+        trusted=f"{_trusted(trace.trust)}." if trace.trust.horizons else "",
         no_fans="" if trace.fans else said("No fans"),
         no_gain="" if len(trace.gain) else said("No gain", estimator=trace.estimator),
         thinned=f" {said('Thinned', every=every)}" if (every := plots.thinned(len(trace.rows))) > 1 else "",

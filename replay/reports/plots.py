@@ -114,7 +114,7 @@ def parameters(trace: Trace) -> Plot:
     named = [f"{trace.network.parameters[place].name} [{trace.network.parameters[place].unit}]" for place in learned]
     rows = -(-(len(learned) + 1) // 2)
     figure = make_subplots(
-        rows=rows, cols=2, subplot_titles=[*named, "heat loss [W/K]"], vertical_spacing=0.35 / max(rows, 2)
+        rows=rows, cols=2, subplot_titles=[*named, "heat loss to all sides [W/K]"], vertical_spacing=0.35 / max(rows, 2)
     )
     stamps = _stamps(trace, trace.looks)
     for panel, place in enumerate([*learned, None]):

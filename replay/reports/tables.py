@@ -109,6 +109,6 @@ def parameters(trace: Trace) -> Table:
         bounds = map(amount, (parameter.lower, parameter.upper)) if parameter.free else (None, None)
         kind = "learned" if parameter.free else "fixed"
         rows.append((parameter.name, parameter.unit, *map(amount, quantiles), *bounds, kind))
-    rows.append(("heat loss", "W/K", *map(amount, trace.heat_loss[-1].tolist()), None, None, "derived"))
+    rows.append(("heat loss to all sides", "W/K", *map(amount, trace.heat_loss[-1].tolist()), None, None, "derived"))
     columns = ("parameter", "unit", low, median, high, "lower bound", "upper bound", "kind")
     return Table("parameters", columns, tuple(rows))

@@ -65,8 +65,11 @@ class Table:
         return text.getvalue()
 
     def html(self) -> str:
-        """A figure element; numbers align right."""
-        head = "".join(f"<th>{escape(name)}</th>" for name in self.columns)
+        """A figure element; numbers align right, and so does what stands above them."""
+        texts = [all(isinstance(row[place], str) for row in self.rows) for place in range(len(self.columns))]
+        head = "".join(
+            f"<th{_TEXT if text else ''}>{escape(name)}</th>" for name, text in zip(self.columns, texts, strict=True)
+        )
         own = len(self.rows) - self.quoted
         body = "".join(
             f"{'<tr>' if place < own else _QUOTED}{''.join(map(_html_cell, row))}</tr>"
@@ -115,6 +118,7 @@ def _exact(value: float) -> str:
 
 
 _QUOTED = "<tr class='quoted'>"
+_TEXT = " class='text'"
 _MARKS = ("met", "missed", "open")
 
 
@@ -122,4 +126,4 @@ def _html_cell(cell: Cell) -> str:
     text = escape(shown(cell))
     if cell in _MARKS:
         text = f"<span class='{cell}'>{text}</span>"
-    return f"<td class='text'>{text}</td>" if isinstance(cell, str) else f"<td>{text}</td>"
+    return f"<td{_TEXT}>{text}</td>" if isinstance(cell, str) else f"<td>{text}</td>"
