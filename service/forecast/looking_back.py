@@ -85,14 +85,16 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Itera
         return
     follows = np.concatenate([[False], lost[1:] & lost[:-1] & (np.diff(times) < 1.5 * step)])
     number = np.cumsum(lost & ~follows)
-    most = int(np.argmax(np.bincount(number, energy[:, 1])))
+    each = np.bincount(number, energy[:, 1])
+    most = int(np.argmax(each))
+    part = "all" if number[-1] == 1 else f"{_energy(float(each[most]))} kWh"
     inside = times[lost & (number == most)]
     local = UTC if zone is None else time_zone(zone)
     begin, end = (datetime.fromtimestamp(when, local) for when in (inside[0], inside[-1] + step))
     sentence = (
         f"An open window, or something else that nobody measures, took away about {_energy(likely)} kWh in "
         f"{days:.1f} days; 95 % between {_energy(low)} and {_energy(high)} kWh; "
-        f"most at once from {begin:%Y-%m-%d %H:%M} to {end:%H:%M}"
+        f"{part} of it from {begin:%Y-%m-%d %H:%M} to {end:%H:%M}"
     )
     yield RoomAnswer("window", sentence, "kWh", likely, low, high)
 
@@ -116,6 +118,7 @@ def last_day(worker: ZoneWorker, times: Array, step: float, inputs: Array, gain:
         return
     one = min(issued, key=lambda each: abs(each.lead - _LEAD))
     parts = [f"In the last day the forecasts {one.lead / _HOUR:g} h ahead were off by {one.rmse:.1f} K"]
+    parts += [f"{each.rmse:.1f} K is usual" for each in skill.issued_over(7) if each.lead == one.lead]
     if one.rmse > _WRONG:
         left = known[one.lead].rmse
         if left <= _EXPLAINED * one.rmse:

@@ -119,7 +119,8 @@ class RoomQuestion(NamedTuple):
             *lost_heat(self.past.times, self.past.step, self.past.gain, self.zone),
             *last_day(worker, self.past.times, self.past.step, own, self.past.gain[:, 1]),
         ]
-        told = _told(worker.network, comfort, self.past, diagnosis, trust, standing)
+        warming = next((one.value for one in answers if one.about == "warming_up"), 0.0)
+        told = _told(worker.network, comfort, self.past, diagnosis, trust, standing, warming)
         return Room(
             days=len(self.past.times) * self.past.step / _DAY,
             answers=tuple(answers),
@@ -236,7 +237,7 @@ def _loss_answer(loss: Array | None, area: float, doubt: str, neighbours: bool) 
     if np.isfinite(low):
         parts.append(f"95 % between {amount(low)} and {amount(high)} W/K")
     if np.isfinite(area) and not high > _WIDE * low:
-        parts.append(f"{median / area:.2g} W/K for each m2 of floor")
+        parts.append(f"{median / area:.2g} W/K for each m² of floor")
     return RoomAnswer("heat_loss", "; ".join([*parts, *([doubt] if doubt else [])]), "W/K", median, low, high)
 
 
@@ -378,14 +379,20 @@ _FROM_FINDINGS = dict.fromkeys(kinds.TELEMETRY, -1) | {
 
 
 def _told(
-    network: Network, comfort: _Comfort, past: Past, diagnosis: Diagnosis, trust: Trust, standing: Standing
+    network: Network,
+    comfort: _Comfort,
+    past: Past,
+    diagnosis: Diagnosis,
+    trust: Trust,
+    standing: Standing,
+    warming: float,
 ) -> Iterator[ToDo]:
-    """What to do."""
+    """What to do; `warming` [h] is how long the room usually takes to be warm after a setback, 0 if unknown."""
     for one in _grouped(diagnosis.findings):
         problem, _, remedy = one.sentence.partition("; ")
         yield ToDo(remedy, problem, float(_FROM_FINDINGS[one.finding]))
     if comfort.share(comfort.cold) > RARE:
-        yield ToDo(*_against_cold(network, comfort, past, standing), 3.0)
+        yield ToDo(*_against_cold(network, comfort, past, standing, warming), 3.0)
     if comfort.share(comfort.warm) > RARE:
         yield ToDo(*_against_warmth(network, comfort, past, standing), 3.5)
     told = {one.sentence for one in diagnosis.findings}
@@ -399,11 +406,13 @@ def _told(
         yield ToDo(remedy, reasons[0], 4.5)
 
 
-def _against_cold(network: Network, comfort: _Comfort, past: Past, standing: Standing) -> tuple[str, str]:
+def _against_cold(
+    network: Network, comfort: _Comfort, past: Past, standing: Standing, warming: float
+) -> tuple[str, str]:
     reason = f"it was too cold for {float(comfort.cold.sum()) * comfort.hours:.0f} h"
     if comfort.share(comfort.cold & ~_after_a_rise(past)) <= RARE / 2.0:
-        what = "start heating earlier; the page works out when, under Warm by"
-        return what, f"{reason} after a setback"
+        earlier = f"{warming:.1f} h earlier" if warming > 0.0 else "earlier"
+        return f"start heating {earlier}", f"{reason} after a setback"
     if _heated(network, past, standing, comfort.cold) > _FULL:
         return "have the heating looked at, or lower the set-point", f"{reason} at full heating"
     if comfort.against_setpoint:

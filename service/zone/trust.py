@@ -122,7 +122,7 @@ def _verified(old: HorizonTrust, week: HorizonSkill, day: HorizonSkill, diagnosi
     rising = old.rising + 1 if _RANK[strict[0]] < _RANK[old.verified] else 0
     if rising >= RISES:
         return replace(old, verified=strict[0], why=strict[1], rising=0)
-    why = old.why if strict[0] == old.verified else f"the last {rising} of {RISES} hours that it takes were better"
+    why = old.why if strict[0] == old.verified else f"it was better for {rising} of the {RISES} hours that it takes"
     return replace(old, why=why or strict[1], rising=rising)
 
 
@@ -194,8 +194,8 @@ def _below(week: HorizonSkill, day: HorizonSkill, threshold: Threshold) -> str |
         return _held(week, "in 7 days")
     if not _skilful(week, threshold):
         return (
-            f"forecasts {format_duration(week.lead)} ahead had an RMSE of {week.rmse:.2f} K in 7 days, and "
-            f"{week.persistence_rmse:.2f} K if nothing had changed"
+            f"forecasts {format_duration(week.lead)} ahead were off by {week.rmse:.2f} K in 7 days, and a forecast of "
+            f"no change by {week.persistence_rmse:.2f} K"
         )
     return None
 

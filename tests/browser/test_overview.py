@@ -91,6 +91,17 @@ def test_a_room_that_is_colder_than_its_set_point_comes_before_the_others(serve:
     assert page.locator('[data-zone="room-2"] .cell-now').get_attribute("title").startswith("set to ")
 
 
+def test_a_room_that_was_too_cold_comes_before_one_whose_forecast_is_outdone(serve: Any, visit: Any) -> None:
+    outdone, cold = running("a-forecast"), running("b-cold", 48)
+    outdone.trusted = Trust(0, (HorizonTrust(6 * 3600, "trusted", "", 0),), beaten="6h ahead, no change is better")
+    cold.updates = [update._replace(setpoint=21.0) for update in cold.updates[:-1]] + cold.updates[-1:]
+    page = visit(serve({zone.id: zone for zone in (outdone, cold)}).url).page
+    page.wait_for_selector("[data-zone=b-cold] .cell-finding >> text=too cold for 4.0 h of the last day")
+    assert names(page) == ["b-cold", "a-forecast"]
+    page.locator("[data-filter=attention]").click()
+    assert names(page) == ["b-cold", "a-forecast"]
+
+
 def test_what_only_experts_mend_calls_for_nobody_and_a_forecast_that_is_outdone_is_not_green(
     serve: Any, visit: Any
 ) -> None:
@@ -100,7 +111,10 @@ def test_what_only_experts_mend_calls_for_nobody_and_a_forecast_that_is_outdone_
     page = visit(serve({zone.id: zone for zone in (expert, outdone)}).url).page
     page.wait_for_selector(ROWS)
     assert page.locator('[data-zone="expert"] .cell-finding').inner_text() == "nothing unusual"
-    assert page.locator('[data-zone="outdone"] .cell-finding').inner_text() == "rely on the model 6 h ahead"
+    assert (
+        page.locator('[data-zone="outdone"] .cell-finding').inner_text()
+        == "at times ahead, a simpler forecast is better"
+    )
     assert page.locator('[data-zone="outdone"] .cell-trust').inner_text() == "in part"
     colour = "zone => getComputedStyle(document.querySelector(`[data-zone=${zone}] .cell-trust`)).color"
     good = page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--good')")

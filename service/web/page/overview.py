@@ -13,6 +13,7 @@ from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 from adapters.reading import Quality
 from service.errors import ServiceError
+from service.forecast.room import COLD, WARM
 from service.publish.events import RECONNECT_MS, Event
 from service.publish.payloads import AHEAD_STEP, AheadPayload, periods
 from service.records.record import document
@@ -56,6 +57,10 @@ class Spark(NamedTuple):
 
     sample_time: int
     line: SparkPayload
+    too_cold: float
+    """h, against the set-point."""
+    too_warm: float
+    """h, against the highest set-point of the day: in a setback a room may cool down."""
 
     @classmethod
     def of(cls, sample_time: int, series: Series) -> Spark:
@@ -64,7 +69,11 @@ class Spark(NamedTuple):
         first = min(by_time, default=sample_time)
         # As a line of 24 pixels needs it: a thousand zones have 48,000 of these.
         values = (round(by_time.get(when, math.nan), 2) for when in range(first, sample_time + 1, series.bucket))
-        return cls(sample_time, SparkPayload(first, series.bucket, tuple(values)))
+        measured, setpoint = series.means["y"], series.means["setpoint"]
+        cold = measured < setpoint - COLD
+        warm = (measured > np.fmax.reduce(setpoint, initial=np.nan) + WARM) & np.isfinite(setpoint)
+        hours = [float(when.sum()) * series.bucket / 3600.0 for when in (cold, warm)]
+        return cls(sample_time, SparkPayload(first, series.bucket, tuple(values)), *hours)
 
 
 def overview_routes(site: Site) -> APIRouter:
@@ -73,13 +82,13 @@ def overview_routes(site: Site) -> APIRouter:
     router = APIRouter(tags=["overview"])
     sparks: dict[str, Spark] = {}
 
-    def row(zone: ZoneView, spark: Spark | None) -> OverviewRow:
-        return overview_row(zone, streams.ahead.get(zone.id), spark)
+    def row(zone: ZoneView, drawn: bool = True) -> OverviewRow:
+        return overview_row(zone, streams.ahead.get(zone.id), sparks.get(zone.id), drawn)
 
     @route(router, "GET /overview", OverviewPayload, refused=(500,))
     def overview(site: Here, caller: Asking) -> OverviewPayload:
         """Every zone at a glance"""
-        rows = tuple(row(zone, sparks.get(name)) for name, zone in tuple(zones.items()) if caller.sees(name))
+        rows = tuple(row(zone) for name, zone in tuple(zones.items()) if caller.sees(name))
         return OverviewPayload(site.backend.time_zone, rows)
 
     @route(router, "GET /overview/stream", refused=(429, 500, 503), **streaming("`rows`, an OverviewChange each"))
@@ -116,7 +125,7 @@ def overview_routes(site: Site) -> APIRouter:
             news = spark is not None and shown.get(name) != spark.sample_time
             if spark is not None:
                 shown[name] = spark.sample_time
-            rows.append(row(zone, spark if news else None))
+            rows.append(row(zone, news))
         return OverviewChange(tuple(rows), tuple(removed))
 
     async def _spark(zone: ZoneView) -> Spark | None:
@@ -135,8 +144,9 @@ def overview_routes(site: Site) -> APIRouter:
     return router
 
 
-def overview_row(zone: ZoneView, ahead: AheadPayload | None, spark: Spark | None) -> OverviewRow:
-    """`zone` at a glance, with as much of the hours ahead and of its last day as is known."""
+def overview_row(zone: ZoneView, ahead: AheadPayload | None, day: Spark | None, drawn: bool = True) -> OverviewRow:
+    """`zone` at a glance, with as much of the hours ahead and of its last `day` as is known; without the line of that
+    unless it is to be `drawn`."""
     status, update, trusted = zone.now()
     trust = trusted.at(_seconds(LEADS[-1], zone.period))
     expected: tuple[ExpectedPayload, ...] = ()
@@ -156,7 +166,9 @@ def overview_row(zone: ZoneView, ahead: AheadPayload | None, spark: Spark | None
         trust=None if trust is None else trust.level,
         trust_reason="" if trust is None else trust.reason or trusted.beaten,
         findings=tuple(FindingName(one.finding, one.subject) for one in status.diagnosis.findings),
-        spark=None if spark is None else spark.line,
+        too_cold_h=math.nan if day is None else day.too_cold,
+        too_warm_h=math.nan if day is None else day.too_warm,
+        spark=day.line if day is not None and drawn else None,
     )
 
 

@@ -58,6 +58,8 @@ class OverviewRow:
     )
     trust_reason: str = shown("one sentence, also where simpler forecasts are better; empty while nothing is wrong")
     findings: tuple[FindingName, ...]
+    too_cold_h: Number = shown("h of the last day for which it was too cold for its set-point; null until it was read")
+    too_warm_h: Number = shown("the same for which it was too warm for the highest set-point of the day")
     spark: SparkPayload | None = shown("null until it has been read, and in events that bring nothing new of it")
 
 

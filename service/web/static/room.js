@@ -93,9 +93,10 @@ function preheatForm(id) {
   };
 }
 
-function startText({ start, by, target, reached }) {
-  const likely = { share: share(reached), target: number(target, 1), by: moment(Date.parse(by)) };
+function startText({ start, by, target, tolerance, probability, reached }) {
+  const likely = { share: share(reached), target: number(target, 1), tolerance: number(tolerance, 1), by: moment(Date.parse(by)) };
   if (start === null) return t("preheat.late", likely);
   const [begin, end] = [start, by].map((time) => Date.parse(time));
-  return t("preheat.start", { ...likely, time: moment(begin), before: duration((end - begin) / 1000) });
+  const told = t("preheat.start", { ...likely, time: moment(begin), before: duration((end - begin) / 1000) });
+  return reached < probability ? `${told} ${t("preheat.no_earlier")}` : told;
 }

@@ -34,8 +34,8 @@ export async function loadSaid(language) {
   catalogue = found.toSorted((one, other) => other.literal - one.literal);
 }
 
-// Lengths of time, which the daemon writes as a configuration does, as people write them.
-const spaced = (text) => text.replace(/(?<![^\s(])(\d+)(min|[dhs])(?![^\s,.;:)])/g, "$1 $2");
+// Lengths of time, which the daemon writes as a configuration does, as people write them, and a day as the rest of the page does.
+const spaced = (text) => text.replace(/(?<![^\s(])(\d+)(min|[dhs])(?![^\s,.;:)])/g, (all, count, unit) => (all === "1d" ? "24 h" : `${count} ${unit}`));
 
 // A number with the reader's decimal sign, and lengths of time with a space.
 function localised(value) {

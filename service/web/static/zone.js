@@ -15,6 +15,7 @@ import { channelText, doubts, faultText, goodUpTo, saidNode, stateText, trustTex
 
 const EXPERT = "thermogate-expert";
 const LEARNED_MS = 60_000;
+const NOW_MS = 1000;
 const SHOW_MS = 250;
 
 // Shows zone `id` in `place`; `frame` shows the site's name and the connection. Returns what ends it.
@@ -26,7 +27,7 @@ export function showZone(place, frame, id) {
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
 
   const pill = element("span", { className: "pill" });
-  const about = element("p", { className: "muted" });
+  const now = element("p", { className: "now" });
   const doubt = element("div", { className: "doubt", role: "status" });
   const figures = element("dl", { className: "figures" });
   const trouble = element("p", { className: "error", role: "alert", hidden: true });
@@ -82,7 +83,7 @@ export function showZone(place, frame, id) {
     cards.room = roomCard(id, failing("room"));
     place.replaceChildren(
       element("nav", { "aria-label": t("zone.back") }, element("a", { href: "#/", textContent: `← ${t("zone.back")}` })),
-      element("div", { className: "zone-head" }, element("h1", { textContent: id }), pill, about),
+      element("div", { className: "zone-head" }, element("h1", { textContent: id }), pill, now),
       trouble,
       doubt,
       cards.room.node,
@@ -95,7 +96,6 @@ export function showZone(place, frame, id) {
   function show() {
     const { zone, status, forecast, gain } = known;
     set(pill, { textContent: stateText(status.state), className: `pill ${status.state}` });
-    about.replaceChildren(t("zone.about", { network: zone.network, estimator: zone.estimator, period: duration(zone.period_s) }));
     showDoubt();
     // Of a room that has stopped, what was said of the hours ahead is for hours that may be over.
     cards.room.heating(known.ahead?.quality === "bad" ? null : known.ahead?.heating);
@@ -111,6 +111,9 @@ export function showZone(place, frame, id) {
       ...(forecast?.inputs ?? []).map((one) => [channelText(one.channel), `${amount(one.value)} ${unitText(one.unit)}${one.held ? ` (${t("zone.held", { age: duration(one.age_s) })})` : ""}`]),
     ]);
     fill(expertFigures, [
+      [t("expert.network"), zone.network],
+      [t("expert.estimator"), zone.estimator],
+      [t("expert.period"), duration(zone.period_s)],
       ["α", forecast?.volatility ? `${number(forecast.volatility.median, 2)} (${number(forecast.volatility.lower, 2)} … ${number(forecast.volatility.upper, 2)})` : "–"],
       ["F_k", number(forecast?.volatility?.cdf, 2)],
       ["gate", forecast ? `${number(forecast.gate, 2)} ${forecast.regime}` : "–"],
@@ -131,7 +134,8 @@ export function showZone(place, frame, id) {
     const found = doubts(known);
     const running = known.status.state === "running";
     const lead = goodUpTo(known);
-    const careful = lead && found.length ? t("doubt.good", { lead: duration(lead) }) : t("doubt.title");
+    const beaten = found.length === 1 && found[0].own && found[0].own === known.trust?.beaten;
+    const careful = beaten ? t("doubt.beaten") : lead ? t("doubt.good", { lead: duration(lead) }) : t("doubt.title");
     const head = running ? (found.length ? careful : t("doubt.nothing", { lead: duration(lead) })) : null;
     const items = found.map(({ text, own }) => element("li", {}, text, ...(own ? [" ", saidNode(text.endsWith(".") ? capital(own) : own)] : [])));
     const next = [...(head ? [element("strong", { textContent: head })] : []), ...(items.length ? [element("ul", {}, ...items)] : [])];
@@ -168,9 +172,23 @@ export function showZone(place, frame, id) {
     if (!last) return;
     const time = Date.parse(last) + known.zone.period_s * 1000;
     cards.room.ask();
+    measure();
     cards.history.sample(time);
     if (known.forecast) cards.next.sample(time);
   }
+
+  // The newest sample, which no event has.
+  const measure = paced(async () => {
+    try {
+      const [row] = (await get(`${zonePath(id)}/history?limit=1`)).rows;
+      if (ended || !row) return;
+      const values = { temperature: celsius(row.y), setpoint: celsius(row.setpoint) };
+      set(now, { textContent: t(row.setpoint === null ? "zone.now" : "zone.now.meant", values) });
+      failing("now")(null);
+    } catch (error) {
+      failing("now")(error);
+    }
+  }, NOW_MS);
 
   // Parameters move slowly; asking the estimator for them takes a while.
   const learn = paced(async () => {
@@ -214,6 +232,7 @@ export function showZone(place, frame, id) {
     ended = true;
     stop();
     showSoon.cancel();
+    measure.cancel();
     learn.cancel();
     cards.history?.end();
     cards.next?.end();

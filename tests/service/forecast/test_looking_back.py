@@ -28,7 +28,7 @@ def test_heat_lost_through_windows_is_the_sum_of_what_was_lost_for_certain():
     (answer,) = lost_heat(TIMES, STEP, gain, "Europe/Berlin")
     assert answer.value == pytest.approx(1.2 + 0.45), "the third may be nothing"
     assert (answer.lower, answer.upper) == (pytest.approx(1.1 + 0.4), pytest.approx(1.3 + 0.5))
-    assert "most at once from 2026-01-05 13:00 to 14:00" in answer.sentence
+    assert "; 1.2 kWh of it from 2026-01-05 13:00 to 14:00" in answer.sentence
     assert "kein" not in sayer("de")(answer.sentence)
 
 
@@ -38,7 +38,9 @@ def test_a_gap_parts_two_losses():
     times[78:] += 86_400.0
     (answer,) = lost_heat(times, STEP, gain, None)
     assert answer.value == pytest.approx(2.4)
-    assert "most at once from 2026-01-05 12:00 to 13:00" in answer.sentence
+    assert "; 1.2 kWh of it from 2026-01-05 12:00 to 13:00" in answer.sentence
+    (answer,) = lost_heat(TIMES, STEP, opened((72, 84, 1200.0)), None)
+    assert answer.sentence.endswith("; all of it from 2026-01-05 12:00 to 14:00")
 
 
 def test_a_closed_window_is_told_and_an_unknown_gain_is_not():
@@ -105,7 +107,7 @@ def asked(of, inputs=None, gain=None):
 
 def test_forecasts_that_were_right_need_no_reason():
     (answer,) = asked(worker(0.3, 0.2))
-    assert answer.sentence == "In the last day the forecasts 6 h ahead were off by 0.3 K"
+    assert answer.sentence == "In the last day the forecasts 6 h ahead were off by 0.3 K; 0.3 K is usual"
     assert (answer.value, answer.unit) == (0.3, "K")
     assert asked(worker(0.3, 0.2, forecasts=3)) == []
 

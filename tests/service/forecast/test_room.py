@@ -75,7 +75,7 @@ def test_loss_energy_and_what_a_kelvin_less_would_have_saved(worker):
     loss = found["heat_loss"]
     assert loss.lower < loss.value < loss.upper
     assert loss.value == pytest.approx(TRUE_LOSS, rel=0.15)
-    assert f"{loss.value / 120.0:.2g} W/K for each m2 of floor" in loss.sentence
+    assert f"{loss.value / 120.0:.2g} W/K for each m² of floor" in loss.sentence
     assert found["energy"].value == pytest.approx(INPUTS[:, 1].sum() * PERIOD / 3.6e6)
     saved = found["saving"]
     assert saved.value == pytest.approx(loss.value * 24.0 * DAYS / 1000.0, rel=1e-6)
@@ -178,7 +178,7 @@ def cold_all_day(power):
 @pytest.mark.parametrize(
     ("past", "what"),
     [
-        (PAST, "start heating earlier"),
+        (PAST, "start heating 1.5 h earlier"),
         (cold_all_day(6000.0), "have the heating looked at"),
         (cold_all_day(100.0), "look for what keeps the heating from following"),
         (PAST._replace(setpoint=SETPOINTS - 9.0), "lower the heating"),

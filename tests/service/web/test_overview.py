@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from fastapi import FastAPI
 from prometheus_client import CollectorRegistry
-from support.fake_zones import START, FakeZone, announced, broken, doubted, running, waiting
+from support.fake_zones import START, FakeZone, announced, broken, doubted, running, series_of, waiting
 from support.http_client import get
 from support.schemas import objects
 from support.served import Client, ask, config, serving
@@ -115,6 +115,25 @@ async def test_what_is_expected_is_counted_from_the_newest_sample_until_the_look
         # The mean of the fake rises by 0.01 K a step.
         assert expected(late) == [(lead, pytest.approx(first + 0.01 * (late + lead / period))) for lead in leads]
     assert expected(200) == []
+
+
+def test_the_last_day_tells_how_long_it_was_uncomfortable_and_a_setback_is_not_too_warm() -> None:
+    zone = running("living", 288)
+    # The fake is at 19.5 degC at midnight and at 22.5 degC at noon; nobody says what is meant in the last hour.
+    setpoints = [17.0] * 72 + [21.5] * 72 + [23.0] * 132 + [float("nan")] * 12
+    zone.updates = [one._replace(setpoint=meant) for one, meant in zip(zone.updates, setpoints, strict=True)]
+
+    def spark() -> overview.Spark:
+        last = zone.updates[-1].time
+        return overview.Spark.of(last, series_of(zone, zone.updates[0].time, last + 300, 49))
+
+    cold = sum(one.y[0] < one.setpoint - 0.5 for one in zone.updates) / 12.0
+    assert spark().too_cold == pytest.approx(cold, abs=1.0)
+    assert spark().too_warm == 0.0
+    zone.updates = [one._replace(setpoint=17.0) for one in zone.updates]
+    assert (spark().too_cold, spark().too_warm) == (0.0, 24.0)
+    row = overview.overview_row(zone, None, spark(), drawn=False)
+    assert (row.too_warm_h, row.spark) == (24.0, None), "what the client has is not sent again"
 
 
 async def test_a_stream_ends_with_the_daemon(zones: dict[str, FakeZone], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,7 +64,7 @@ def test_a_horizon_is_learning_until_enough_was_verified():
         ({}, {"coverage": 0.69}, "doubtful", "in the last day"),
         ({}, {"coverage": 0.39}, "untrusted", "in the last day"),
         ({}, {"coverage": 0.0, "forecasts": 11}, "trusted", ""),
-        ({"rmse": 0.9}, {}, "doubtful", "0.90 K in 7 days, and 0.80 K if nothing had changed"),
+        ({"rmse": 0.9}, {}, "doubtful", "0.90 K in 7 days, and a forecast of no change by 0.80 K"),
         ({"rmse": 1.3}, {}, "untrusted", "1.30 K"),
         ({"rmse": 0.2, "persistence_rmse": 0.1}, {}, "trusted", ""),
         ({"rmse": math.nan}, {}, "trusted", ""),
