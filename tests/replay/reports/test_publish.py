@@ -28,6 +28,7 @@ from service.config.kept import keep_configuration
 from service.config.load import load
 from service.errors import ServiceError, StateMismatch
 from service.records.sample import Sample
+from service.records.trust import HorizonTrust, Trust
 from service.store.checkpoint import CheckpointStore
 from service.store.journal import Journal
 from service.store.store import CHECKPOINTS, CONFIGURATION, JOURNAL, locked
@@ -93,6 +94,28 @@ class Page(HTMLParser):
             self.headings.append(data)
         if self._in == "plot":
             self.plots.append(json.loads(data))
+
+
+@pytest.mark.parametrize(
+    ("levels", "beaten", "good", "told"),
+    [
+        (("trusted", "trusted"), "", 0, "Nothing speaks against the forecasts up to 6h ahead."),
+        (("trusted", "doubtful"), "", 0, "Nothing speaks against the forecasts up to 1h ahead; too narrow."),
+        (("trusted", "trusted"), "6h ahead, no change", 3600, "up to 1h ahead; 6h ahead, no change."),
+        (("doubtful", "trusted"), "", 0, "Take the forecasts with care; too narrow."),
+    ],
+)
+def test_a_report_tells_how_far_its_forecasts_can_be_relied_on(replayed, levels, beaten, good, told):
+    horizons = [
+        HorizonTrust(lead, level, "too narrow" if level == "doubtful" else "", 0)
+        for lead, level in zip((3600, 21600), levels, strict=True)
+    ]
+    (trace,) = replayed[1]
+    trust = Trust(0, tuple(horizons), beaten=beaten, good_up_to=good)
+    made = report("site", [trace._replace(trust=trust, notes=("Learned anew.",))])
+    (forecasts,) = (section for section in made.sections if section.title == "Forecasts")
+    assert forecasts.paragraphs[0].endswith(told)
+    assert made.sections[-1].paragraphs[0] == "Learned anew.", "where figures come from keeps nobody from them"
 
 
 def test_the_table_has_the_figures_of_the_summary(replayed, tmp_path, capsys):
