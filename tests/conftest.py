@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import HealthCheck, settings
 from support import postgres
+from support.processes import Program
 
 from service.daemon.process import prepare_process
 
@@ -21,6 +22,8 @@ prepare_process()
 # No test depends on how fast the machine is.
 settings.register_profile("tests", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("tests")
+
+Program.forks = True
 
 if TYPE_CHECKING:
     from support.shards import Shards

@@ -67,7 +67,7 @@ LEVELS = {
         {"simulated"},
         {"recorded"},
         {"scores"},
-        {"errors", "localtime"},
+        {"errors", "localtime", "processes"},
     ),
     "thermogate": (
         {"fitting", "backtesting"},

@@ -31,6 +31,7 @@ import service
 from estimator.errors import EstimatorError
 from replay.errors import ReplayError
 from replay.experiments.progress import steps
+from replay.processes import importing_once
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -109,7 +110,7 @@ def _run(todo: tuple[Job, Path]) -> None:
 def _run_apart(todo: Sequence[tuple[Job, Path]], workers: int, bar: Any) -> None:
     # The parent alone answers Ctrl-C.
     ignoring = (signal.SIGINT, signal.SIG_IGN)
-    executor = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), signal.signal, ignoring)
+    executor = ProcessPoolExecutor(workers, importing_once(todo[0][0].work.__module__), signal.signal, ignoring)
     try:
         for future in as_completed([executor.submit(_run, one) for one in todo]):
             future.result()

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
+from replay.processes import importing_once
 from replay.recorded.trace import Trace, Tracer
 from service.config.fitting import fingerprint, make_worker, neighbourhood
 from service.config.site import Config, ZoneConfig
@@ -162,7 +163,7 @@ class _Student:
 @asynccontextmanager
 async def _processes(count: int) -> AsyncIterator[list[ProcessPoolExecutor]]:
     """Pools of one process each, so that a zone stays in the process that knows it."""
-    context = multiprocessing.get_context("spawn")
+    context = importing_once(__name__)
     pools = [ProcessPoolExecutor(1, context, _begun) for _ in range(count)]
     try:
         yield pools

@@ -7,7 +7,6 @@ and writes every number that it is told to a file, synced to disk. A kill loop t
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import queue
 import threading
@@ -22,6 +21,7 @@ from typing import Any
 
 import zenoh
 from support.fleet import get
+from support.forked import forking
 from support.zenoh_plant import session
 
 POLL_SECONDS = 0.05
@@ -108,7 +108,7 @@ class Ledger:
     def __enter__(self) -> Ledger:
         self.entries: list[Row] = []
         self._position, self._scores = 0, set[tuple[str, str]]()
-        context = multiprocessing.get_context("spawn")
+        context = forking()
         listening, self._stopping = context.Event(), context.Event()
         plain = Ledger(self.file, self.urls, self.zones, self.key, self.endpoint)
         self._process = context.Process(target=_keep, args=(plain, listening, self._stopping), daemon=True)

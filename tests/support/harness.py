@@ -11,14 +11,13 @@ import sys
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
-from support.processes import Program, fetch
+from support.processes import THERMOGATE, Program, fetch
 from support.waiting import wait_until
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "deploy" / "examples"
 PACKAGES = ("estimator", "adapters", "service", "replay", "thermogate")
 SHARED = ROOT.parent / "shared" / "data"
-THERMOGATE = Path(sys.executable).with_name("thermogate")
 FLEXHOUSE = SHARED / "flexhouse_prbs1" / "inputPRBS1.csv"
 
 

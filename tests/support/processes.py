@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import multiprocessing
+import os
 import re
 import signal
 import socket
 import subprocess
+import sys
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator, Sequence
@@ -15,6 +16,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Self
 
+from support.forked import Forked, forking
 from support.waiting import PATIENCE, Found, wait_until
 
 
@@ -46,14 +48,25 @@ def fetch(
             return error.code, error.read().decode()
 
 
+THERMOGATE = Path(sys.executable).with_name("thermogate")
+
+
 class Program:
     """A program that is started at once; a context manager that never leaves its process behind."""
 
+    forks = False
+    """Whether `thermogate` is forked with everything imported, as in tests; the programs of the slow targets start it
+    as a user does."""
+
     def __init__(self, command: Sequence[object], log: Path, **options: Any) -> None:
         """`options` are those of Popen."""
-        self._log = log
-        with log.open("a") as stream:
-            self.process = subprocess.Popen([*map(str, command)], stdout=stream, stderr=stream, **options)
+        self._log, words = log, [*map(str, command)]
+        self.process: subprocess.Popen[bytes] | Forked
+        if self.forks and command[0] == THERMOGATE and options.keys() <= {"env"}:
+            self.process = Forked(words, log, options.get("env", os.environ))
+        else:
+            with log.open("a") as stream:
+                self.process = subprocess.Popen(words, stdout=stream, stderr=stream, **options)
 
     def __enter__(self) -> Self:
         return self
@@ -95,7 +108,7 @@ class Program:
 @contextmanager
 def beside(serve: Callable[..., None], *arguments: object) -> Iterator[Connection]:
     """`serve` with `arguments` and a pipe in a process of its own; the other end of the pipe."""
-    context = multiprocessing.get_context("spawn")
+    context = forking()
     here, there = context.Pipe()
     process = context.Process(target=serve, args=(*arguments, there), daemon=True)
     process.start()

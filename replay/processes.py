@@ -1,0 +1,17 @@
+"""Processes that compute beside each other."""
+
+from __future__ import annotations
+
+import multiprocessing
+from multiprocessing.context import BaseContext
+
+
+def importing_once(module: str) -> BaseContext:
+    """A context whose processes are forked from one that has imported `module`; each would take a second for it.
+    Where a system cannot fork, each does."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    # Without effect once a process has been started in this way.
+    context.set_forkserver_preload([module])
+    return context
