@@ -136,7 +136,8 @@ def _departed(worker: ZoneWorker, times: Array, inputs: Array) -> Iterator[str]:
     """The input that departed most from what is usual at the hour."""
     network, found = worker.network, []
     for channel, values in zip(network.inputs, inputs.T, strict=True):
-        spread, away = float(np.nanstd(values)), _against_usual(times, values)
+        known = values[np.isfinite(values)]
+        spread, away = float(known.std()) if len(known) else 0.0, _against_usual(times, values)
         if spread > 0.0 and abs(away) > _UNUSUAL * spread:
             found.append((abs(away) / spread, channel, away))
     if found:

@@ -117,6 +117,9 @@ def test_an_input_that_came_otherwise_is_named():
     (answer,) = asked(worker(1.4, 0.4), inputs)
     assert "with both known it would have been 0.4 K; the heating was 1000 W above what is usual" in answer.sentence
     assert sayer("de")(answer.sentence).endswith("die Heizung lag 1000 W über dem, was zu der Stunde üblich ist")
+    # One that was never measured is no reason.
+    inputs[:, 0] = np.nan
+    assert asked(worker(1.4, 0.4), inputs) == [answer]
 
 
 def test_heat_that_nobody_measures_is_named_with_its_energy_else_the_model():
