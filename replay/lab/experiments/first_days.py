@@ -32,7 +32,7 @@ from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, built, steps
 from replay.experiments.study import Figures, Results, Study, targets
 from replay.lab.experiments.recordings import FIRST_DAY, energyplus_room
-from replay.lab.experiments.rooms import read_room
+from replay.lab.experiments.rooms import FILES, read_room
 from replay.localtime import DAY
 from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
@@ -80,13 +80,16 @@ def prepare(request: Request) -> Study:
     for name in request.recording:
         if name not in names:
             raise ReplayError(f"--recording {name}: there is none; the sites are {', '.join(names)}")
+    if request.file is not None and not any((request.file / path).exists() for path in FILES):
+        raise ReplayError(f"--data {request.file}: it holds none of {', '.join(FILES)}")
     sites = {
         entry["name"]: rooms
         for entry in entries
         if entry["name"] in (request.recording or names) and (rooms := list(_rooms(entry, request.file, days)))
     }
-    if not sites:
-        raise ReplayError("no recording is at hand; name the folder of the data with --data")
+    for name in request.recording:
+        if name not in sites:
+            raise ReplayError(f"--recording {name}: its file is not there; name the folder that has it with --data")
     jobs = [job for rooms in sites.values() for seed in seeds for job in _jobs(rooms, seed)]
     contenders = {job.contender for job in jobs}
     for name in request.contender:
