@@ -23,6 +23,7 @@ from estimator.network.discretise import heat_loss
 from estimator.network.network import Network
 from estimator.network.presets import NEIGHBOUR
 from service.forecast.answers import Room, RoomAnswer, ToDo
+from service.forecast.heating import COLD
 from service.forecast.looking_back import last_day, lost_heat, warming_up
 from service.forecast.shares import Shares
 from service.records.outlook import Weather
@@ -30,9 +31,9 @@ from service.records.series import GAIN, Series
 from service.records.trust import UNTRUSTED, Trust
 from service.zone.worker import Standing, ZoneWorker
 
-COLD, WARM = 0.5, 1.0
-"""K below the set-point, and above the highest one of the last day, from which on a room is too cold and too warm: a
-room that cools down in a setback is not too warm."""
+WARM = 1.0
+"""K above the highest set-point of the last day from which on a room is too warm: one that cools down in a setback is
+not."""
 
 BAND = (20.0, 26.0)
 """degC within which a room without a set-point is comfortable: category II of EN 16798-1 for sedentary work, in both
@@ -47,6 +48,8 @@ MOST = 3
 _HOUR, _DAY = 3600.0, 86400.0
 _COOLING = 6
 """h over which a room is left to cool down."""
+_SHORTEST = 10
+"""s: with shorter periods these hours are thousands of steps, whose simulation takes seconds."""
 _FELT = 0.05
 """K from which a change of temperature is told."""
 _LEVELS = (0.025, 0.5, 0.975)
@@ -245,7 +248,7 @@ def _pace(worker: ZoneWorker, standing: Standing) -> Iterator[RoomAnswer]:
     """How fast the room cools down and heats up from now on, neither sun nor people heating it."""
     network, period, held = worker.network, worker.period, standing.carried.held.values
     heat = _heating(network)
-    if worker.progress.stalled or not np.isfinite(held).all() or not heat:
+    if worker.progress.stalled or not np.isfinite(held).all() or not heat or period < _SHORTEST:
         return
     off = np.where([network.channel_unit(channel).startswith("W") for channel in network.inputs], 0.0, held)
     full = off.copy()

@@ -15,11 +15,14 @@ from estimator.diagnosis.finding import Diagnosis, Finding
 from estimator.network import presets
 from estimator.network.assembly import assemble
 from estimator.network.discretise import heat_loss
+from estimator.registry import build
 from replay.reports.language import sayer
 from service.forecast import room
 from service.forecast.room import MOST, Past, RoomQuestion, _loss
+from service.records.sample import Sample
 from service.records.trust import HorizonTrust, Trust
 from service.zone.foresight.outlook import NO_WEATHER
+from service.zone.worker import WorkerSettings, ZoneWorker
 
 PERIOD, DAYS = 1800, 6
 OUTPUTS, INPUTS, SETPOINTS = recorded(DAYS, PERIOD)
@@ -137,6 +140,14 @@ def test_it_cools_and_heats_as_fast_as_the_house(worker):
     assert 0.5 < found["cooling"].value < 6.0
     # 6000 W into 6 MJ/K of air, held back by the walls.
     assert 1.0 < found["heating"].value < 3.6
+
+
+@pytest.mark.parametrize(("period", "told"), [(9, False), (10, True)])
+def test_hours_of_seconds_are_not_simulated(period, told):
+    quick = ZoneWorker(build("ekf", presets.network("tite"), period, {}), WorkerSettings(5, (0.95,), 3, 900.0))
+    for k in range(20):
+        quick.step(Sample.measured(k * period, np.array([20.0]), np.array([0.0, 500.0])))
+    assert ("cooling" in answers(asked(quick))) == told
 
 
 @pytest.mark.parametrize(("zone", "hour"), [(None, 12), ("Europe/Berlin", 13), ("America/New_York", 7)])
