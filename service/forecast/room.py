@@ -176,8 +176,13 @@ class _Comfort(NamedTuple):
 def _highest(setpoint: Array, step: float, over: float) -> Array:
     """(K,): the highest set-point in the `over` s up to each interval; NaN where there was none."""
     width = max(1, round(over / step))
-    padded = np.concatenate([np.full(width - 1, np.nan), setpoint])
-    return np.fmax.reduce(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
+    highest, size = setpoint.copy(), 1
+    while size < width:
+        # Of so many intervals each; two that overlap are as many as both reach over.
+        further = min(size, width - size)
+        highest[further:] = np.fmax(highest[further:], highest[:-further])
+        size += further
+    return highest
 
 
 def _after_a_rise(past: Past) -> Mask:

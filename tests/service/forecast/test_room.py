@@ -18,7 +18,7 @@ from estimator.network.discretise import heat_loss
 from estimator.registry import build
 from replay.reports.language import sayer
 from service.forecast import room
-from service.forecast.room import MOST, Past, RoomQuestion, _loss
+from service.forecast.room import MOST, Past, RoomQuestion, _highest, _loss
 from service.records.sample import Sample
 from service.records.trust import HorizonTrust, Trust
 from service.zone.foresight.outlook import NO_WEATHER
@@ -63,6 +63,16 @@ def test_comfort_counts_hours_against_the_set_point(worker):
     assert cold > 5.0
     assert f"{cold:.0f} h too cold" in comfort.sentence
     assert comfort.value == pytest.approx(cold, abs=3.0), "in a setback it cools down, and is not too warm"
+
+
+@pytest.mark.parametrize("width", [1, 2, 3, 7, 8, 30])
+def test_the_highest_set_point_of_a_day_is_that_of_its_intervals(width):
+    told = np.random.default_rng(width).normal(size=20)
+    told[::3] = np.nan
+    found = [np.fmax.reduce(told[max(0, k - width + 1) : k + 1]) for k in range(20)]
+    np.testing.assert_array_equal(_highest(told, 1.0, float(width)), found)
+    # A month of a zone of one second.
+    assert _highest(np.arange(2.4e6), 1.0, 86_400.0)[-1] == 2.4e6 - 1.0
 
 
 def test_without_a_set_point_comfort_is_a_band(worker):
