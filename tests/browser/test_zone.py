@@ -86,7 +86,9 @@ def test_when_to_start_heating_is_told_unasked(serve: Any, visit: Any) -> None:
     house = serve({"living": zone})
     # What a stalled room cannot answer is complained about.
     page = opened(visit, house, quiet=False).page
-    page.wait_for_selector("text=by Sun, May 4, 05:30 with a probability of 93%.")
+    page.wait_for_selector(
+        "text=then it has 21.0 °C, or at most 0.5 K less, by Sun, May 4, 05:30 with a probability of 93%."
+    )
     assert not page.get_by_text("Starting earlier would hardly help.").is_visible()
     page.locator("#language").select_option("de")
     told = page.locator("text=1,5 h vorher: dann hat er mit einer Wahrscheinlichkeit von 93 %")

@@ -13,7 +13,8 @@ from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 from adapters.reading import Quality
 from service.errors import ServiceError
-from service.forecast.room import COLD, WARM
+from service.forecast.heating import COLD
+from service.forecast.room import WARM
 from service.publish.events import RECONNECT_MS, Event
 from service.publish.payloads import AHEAD_STEP, AheadPayload, periods
 from service.records.record import document

@@ -18,7 +18,7 @@ export function outdone(row) {
 }
 
 // K below its set-point from which a room is cold, as in the answers about a room.
-const COLD = 0.5;
+export const COLD = 0.5;
 
 // By how many K a room is colder than it is meant to be; 0 where it is not, or nobody knows.
 export function coldBy({ temperature, setpoint }) {

@@ -2,6 +2,7 @@
 
 import { get, getIfAny, zonePath } from "./api.js";
 import { element, paced, set, svg } from "./dom.js";
+import { COLD } from "./ranking.js";
 import { said } from "./said.js";
 import { capital, duration, number, share, t } from "./text.js";
 import { moment } from "./time.js";
@@ -86,9 +87,9 @@ function preheatForm(id) {
   });
   return {
     node: element("div", {}, element("h3", { textContent: t("preheat.title") }), result, form),
-    // The zone's own answer about the next rise of its set-point, for as long as nobody asks for another time.
+    // The zone's own answer about the next rise of its set-point, at which it is not to be cold, for as long as nobody asks for another time.
     foreseen(answer) {
-      if (!asked) set(result, { textContent: answer ? startText(answer) : "" });
+      if (!asked) set(result, { textContent: answer ? startText({ ...answer, tolerance: COLD }) : "" });
     },
   };
 }
