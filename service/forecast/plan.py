@@ -19,6 +19,8 @@ EVERY_ZONE = "*"
 """Stands for every zone that has the input, in a plan."""
 
 _ROUNDING = 1e-6
+_DEAREST = 1e9
+"""For a kWh: no currency has prices like this."""
 
 Limits = Mapping[str, tuple[float, float]]
 
@@ -85,7 +87,10 @@ def column(values: Values, grid: Grid) -> Array:
 
 def check_price(values: Values, grid: Grid) -> None:
     """PlanError if `values` do not say what a kWh costs in every period of `grid`."""
-    if np.isnan(column(values, grid)).any():
+    prices = column(values, grid)
+    if (np.abs(prices) > _DEAREST).any():
+        raise PlanError(f"is more than {_DEAREST:g} for a kWh; give it in a larger unit of the currency")
+    if np.isnan(prices).any():
         raise PlanError(f"says nothing of the time before its first value; begin it at {written_time(grid.start)}")
 
 
