@@ -65,7 +65,7 @@ def experience(estimator: Estimator, others: Sequence[Learned]) -> dict[str, Arr
     if isinstance(estimator, Bank):
         alike = [other for other in others if _same_bank(estimator, other.estimator)]
         if alike:
-            found |= _proved(estimator, [other.state for other in alike])
+            found |= _proved([other.state for other in alike])
         for place, (name, member) in enumerate(zip(estimator.names, estimator.members, strict=True)):
             theirs = [each for other in others if (each := _member(other, name)) is not None]
             found |= {f"member.{place}.{key}": value for key, value in experience(member, theirs).items()}
@@ -280,7 +280,7 @@ def _same_bank(one: Bank, other: Estimator) -> bool:
     return isinstance(other, Bank) and one.names == other.names and one.leads == other.leads
 
 
-def _proved(bank: Bank, states: Sequence[BankState]) -> dict[str, Array]:
+def _proved(states: Sequence[BankState]) -> dict[str, Array]:
     hours = np.stack([state.costs.hours for state in states])
     shares = _shares(hours, 24.0 * DAYS)
     counts = np.stack([state.widths.verified for state in states])

@@ -36,7 +36,7 @@ def planned_inputs(plan: object, settings: Settings, begin: float, steps: int) -
     the place of what cannot be used."""
     found, grid, limits = {}, Grid(begin, settings.zone.period, steps), plannable(settings.zone)
     for name, given in _columns(plan, settings).items():
-        for channel, edge in _meant(name, settings, plan):
+        for channel, edge in _meant(name, settings):
             values = _in_unit(_values(name, given, settings, grid), edge)
             try:
                 check(values, channel, settings.network, limits, grid)
@@ -93,7 +93,7 @@ def _names(settings: Settings) -> dict[str, list[tuple[str, Edge | None]]]:
     return names
 
 
-def _meant(name: str, settings: Settings, plan: object) -> list[tuple[str, Edge]]:
+def _meant(name: str, settings: Settings) -> list[tuple[str, Edge]]:
     names = _names(settings)
     if name not in names:
         units = [f"{column.name} [{column.unit}]" for column in settings.plannable]

@@ -104,12 +104,12 @@ class _Context(ssl.SSLContext):
         return wrapped
 
 
-def topic_problem(topic: str, pattern: bool = False) -> str | None:
-    """What is wrong with a topic, or None; a `pattern` may have wildcards."""
+def topic_problem(topic: str) -> str | None:
+    """What is wrong with a topic, or None."""
     if not topic or "\0" in topic or len(topic.encode("utf-8", "surrogatepass")) > 65_535:
         return "is empty, too long or has a character that MQTT forbids"
     if any("\ud800" <= character <= "\udfff" for character in topic):
         return "is no UTF-8 text"
-    if not pattern and any(wildcard in topic for wildcard in "+#"):
+    if any(wildcard in topic for wildcard in "+#"):
         return "has a wildcard (+ or #); name one topic for each channel"
     return None

@@ -84,9 +84,9 @@ def total(amounts: Amounts) -> Amounts:
     return amounts._replace(values=amounts.values.sum(axis=1, keepdims=True), weights=weights)
 
 
-def probability_above(mixture: Mixture, value: float, output: int = 0) -> float:
-    """That the output is at least `value` [degC]."""
-    return float(mixture.weights @ ndtr((mixture.means[output] - value) / mixture.sds[output]))
+def probability_above(mixture: Mixture, value: float) -> float:
+    """That the first output is at least `value` [degC]."""
+    return float(mixture.weights @ ndtr((mixture.means[0] - value) / mixture.sds[0]))
 
 
 def latest(reached: Callable[[int], float], last: int, wanted: float) -> int | None:

@@ -40,12 +40,10 @@ def frequency_response(
     return np.asarray(states[:, :, topology(network).measured], dtype=np.complex128)
 
 
-def transfer_errors(
-    network: Network, theta: Array, truth: Array, period: float, points: int = FREQUENCIES
-) -> TransferErrors:
+def transfer_errors(network: Network, theta: Array, truth: Array, period: float) -> TransferErrors:
     """Relative errors (29)-(32) of `theta` (n_theta, N) against `truth` (n_theta,), channel by channel."""
-    reference = frequency_response(network, truth[:, None], period, points)[0]
-    deviation = np.abs(frequency_response(network, theta, period, points) - reference)
+    reference = frequency_response(network, truth[:, None], period)[0]
+    deviation = np.abs(frequency_response(network, theta, period) - reference)
     size = np.abs(reference)
     return TransferErrors(
         h2=np.sqrt(np.mean(deviation**2, axis=1) / np.mean(size**2, axis=0)),

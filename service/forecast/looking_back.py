@@ -128,7 +128,7 @@ def last_day(worker: ZoneWorker, times: Array, step: float, inputs: Array, gain:
             )
             parts += _departed(worker, times, inputs)
         else:
-            parts.append(_unmeasured(times, step, gain))
+            parts.append(_unmeasured(times, gain))
     yield RoomAnswer("last_day", "; ".join(parts), "K", one.rmse)
 
 
@@ -153,7 +153,7 @@ def _called(channel: str) -> str:
     return next((words for kind, words in kinds.items() if channel.startswith(kind)), channel)
 
 
-def _unmeasured(times: Array, step: float, gain: Array) -> str:
+def _unmeasured(times: Array, gain: Array) -> str:
     """Whether heat that nobody measures explains an error."""
     away = _against_usual(times, gain) * _DAY / _KWH
     if abs(away) > 10.0 * _NOTED:
