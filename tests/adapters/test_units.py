@@ -1,6 +1,5 @@
 import pytest
 
-from adapters.errors import SourceConfigError
 from adapters.units import Affine, conversion
 
 
@@ -28,16 +27,3 @@ def test_energy_becomes_power_times_seconds_and_percent_only_with_a_nominal_powe
     joules = {"Wh": 3600.0, "kWh": 3.6e6, "MJ": 1e6, "GJ": 1e9, "J": 1.0}
     assert {unit: conversion(unit, "W") for unit in joules} == {unit: Affine(one, 0.0) for unit, one in joules.items()}
     assert conversion("%", "W", 2000.0) == Affine(20.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("from_unit", "to_unit", "said"),
-    [
-        ("%", "W", "give nominal, the power at 100 % in W"),
-        ("kVA", "W", "'kVA' cannot be converted to W; .*power are W, kW, MW, BTU/h, % with nominal"),
-        ("W", "degC", "temperature are degC, K, degF"),
-    ],
-)
-def test_a_wrong_unit_gets_the_units_of_the_dimension(from_unit, to_unit, said):
-    with pytest.raises(SourceConfigError, match=said):
-        conversion(from_unit, to_unit)

@@ -62,29 +62,6 @@ def test_single_steps_are_those_of_the_whole_loop(name):
     assert right.standing.verified is None
 
 
-def test_what_stood_is_scored_where_the_series_goes_on_and_nowhere_else():
-    loop = loop_of("ekf")
-    first = taken(loop, loop.begin(), 0)
-    assert first.started
-    assert first.scored is None
-    second = taken(loop, first.carried, 1)
-    assert second.scored is first.carried.standing.forecast
-    assert second.scored.mean[0] == first.ahead.mean()[0]
-    after_a_gap = taken(loop, second.carried, 9, continues=False)
-    assert after_a_gap.started
-    assert after_a_gap.scored is None
-
-
-def test_a_missing_input_is_held_and_one_that_never_came_is_not_a_number():
-    loop = loop_of("ekf")
-    carried = loop.hold(loop.begin(), 0, np.array([5.0, np.nan]))
-    assert carried.held.values[0] == 5.0
-    assert np.isnan(carried.held.values[1])
-    carried = loop.hold(carried, PERIOD, np.array([np.nan, 700.0]))
-    assert carried.held.values.tolist() == [5.0, 700.0]
-    assert carried.held.times.tolist() == [PERIOD, 2 * PERIOD]
-
-
 def test_in_a_long_history_live_forecasts_are_seldom_made_until_its_last_weeks():
     loop, hours, weeks = loop_of("ekf"), 6, 5
     steps = 14 * 24 * hours

@@ -98,15 +98,6 @@ def test_an_output_folder_that_cannot_be_made_is_said(tmp_path):
         replay(tmp_path / "file" / "out")
 
 
-def test_a_recording_that_disappears_is_said(tmp_path):
-    recording = tmp_path / "gone.csv"
-    recording.write_text("timestamp,T_i,T_out,u_heat,I_sol\n2024-01-01T00:00:00Z,20,1,0,0\n")
-    settings = config(f'sources.simulation.files=["{recording}"]')
-    recording.unlink()
-    with pytest.raises(ServiceError, match=r"gone\.csv"):
-        replay_recording(settings, tmp_path / "out", zone=None, seed=None, start=None, end=None, progress=False)
-
-
 def test_the_progress_has_an_end(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(runner, "SLOW", 0.0)
     monkeypatch.setattr(samples, "SLOW", 0.0)

@@ -235,12 +235,6 @@ def test_a_set_point_is_drawn_and_changes_no_forecast(tmp_path):
     assert float(first.split(",")[header.split(",").index("setpoint")]) == traces[0].rows[0].setpoint
 
 
-def test_an_output_folder_that_cannot_be_written_is_said(replayed, tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ReplayError, match="cannot be written"):
-        publish_report("site", replayed[1], tmp_path / "file" / "out")
-
-
 def test_the_page_of_an_earlier_replay_does_not_stand_for_one_that_fails(tmp_path, capsys):
     (tmp_path / "report.html").write_text("of yesterday")
     example = str(Path(__file__).parents[3] / "deploy" / "examples" / "building-67.toml")

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from replay.scores.intervals import coverage, interval_scores, mean_width, pit_histogram, rmse, winkler
+from replay.scores.intervals import interval_scores, pit_histogram, rmse, winkler
 
 NAN = np.nan
 # inside, on the bound, below by .5, above by .25, three incomplete rows
@@ -24,14 +24,6 @@ def test_winkler_is_smallest_at_the_true_quantiles() -> None:
     y = np.random.default_rng(1).standard_normal(200_000)
     scores = {half: winkler(y, np.full_like(y, -half), np.full_like(y, half), 0.95) for half in (1.7, 1.96, 2.2)}
     assert min(scores, key=lambda half: scores[half]) == 1.96
-
-
-def test_without_a_complete_row_the_score_is_nan() -> None:
-    nothing = np.array([NAN, NAN])
-    assert np.isnan(rmse(nothing))
-    assert np.isnan(coverage(nothing, nothing, nothing))
-    assert np.isnan(mean_width(nothing, nothing))
-    assert np.isnan(winkler(nothing, nothing, nothing, 0.9))
 
 
 def test_interval_scores_are_those_of_the_complete_rows() -> None:

@@ -37,11 +37,3 @@ def test_habits_keep_to_their_days_hours_and_strength() -> None:
     assert hours.min() >= 7
     assert hours.max() < 18
     assert total[acting].min() >= 100.0
-
-
-def test_a_habit_that_is_never_likely_brings_nothing_and_two_add_up() -> None:
-    local = np.arange(0, 14 * DAY, 600)
-    always = Habit((0, 1, 2, 3, 4, 5, 6), (0.0, 24.0), 200.0, (DAY, DAY), (1.0, 1.0))
-    never = always._replace(likelihood=0.0)
-    assert (habitual((never,), local, np.random.default_rng(1)) == 0).all()
-    assert habitual((always,), local, np.random.default_rng(1)).max() > 100

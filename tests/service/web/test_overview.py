@@ -147,3 +147,13 @@ async def test_a_stream_ends_with_the_daemon(zones: dict[str, FakeZone], monkeyp
         assert (await client.ended()).endswith(b"0\r\n\r\n"), "also while news gathers"
         late = await follow(server)
         assert (await late.ended()).endswith(b"0\r\n\r\n")
+
+
+def test_a_series_has_a_set_point_where_it_is_known_and_may_begin_with_time(
+    app: FastAPI, zones: dict[str, FakeZone]
+) -> None:
+    updates = zones["living"].updates
+    updates[13] = updates[13]._replace(setpoint=20.5)
+    found = get(app, "/zones/living/series?start=2025-05-03T01:00:00Z&end=2025-05-03T02:00:00Z").json()
+    assert found["setpoint"] == [None, 20.5, *[None] * 10]
+    assert get(app, "/zones/living/series?start=0001-01-01T00:00:00Z").status_code == 200

@@ -33,16 +33,6 @@ def day_and_a_half() -> tuple[ZoneWorker, list]:
     return lived(3 * DAY // 2)
 
 
-def test_one_step_is_scored_as_it_was_published(day_and_a_half):
-    zone, updates = day_and_a_half
-    scored = [update.score for update in updates[-DAY:] if update.score is not None]
-    # A window of a day ends with the hour of the newest sample.
-    one = by_lead(zone)[PERIOD]
-    errors = np.array([score.residual[0] for score in scored])
-    assert one.rmse == pytest.approx(np.sqrt(np.mean(errors**2)), rel=0.1)
-    assert one.coverage == pytest.approx(np.mean([s.lower[0] <= s.y[0] <= s.upper[0] for s in scored]), abs=0.05)
-
-
 def test_every_horizon_is_verified_once_an_hour(day_and_a_half):
     zone, _ = day_and_a_half
     found = by_lead(zone, 7)
