@@ -1,7 +1,5 @@
 """A coroutine in a thread with an event loop of its own, so that no flood there delays the loop of the daemon."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import threading

@@ -1,7 +1,5 @@
 """Cancellation that does not get lost in a library."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from collections.abc import Awaitable, Callable

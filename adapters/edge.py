@@ -1,7 +1,5 @@
 """From a raw number to a reading in the network's unit: scale, offset, unit, counters, and what is believable."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, nan

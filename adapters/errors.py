@@ -1,7 +1,5 @@
 """Errors of the adapters, one tree with one base."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

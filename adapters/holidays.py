@@ -1,7 +1,5 @@
 """Public holidays of countries and their parts."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Container
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """The kinds of source there are: one line for each."""
 
-from __future__ import annotations
-
 from adapters.bacnet.config import BacnetConfig
 from adapters.channel import SourceConfig
 from adapters.csv.config import CsvConfig

@@ -1,7 +1,5 @@
 """What every recorded source does: it plays a stretch of time at its pace, until it is closed."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from math import inf, isfinite

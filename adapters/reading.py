@@ -1,7 +1,5 @@
 """What every source delivers: readings, in batches, with the source's own clock."""
 
-from __future__ import annotations
-
 from collections.abc import AsyncIterator
 from enum import StrEnum
 from typing import NamedTuple, Protocol

@@ -1,7 +1,5 @@
 """The rhythm of polling: when the next poll is due, and whether one took too long."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 

@@ -1,7 +1,5 @@
 """Splitting what one source delivers over the zones it feeds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 

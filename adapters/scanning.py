@@ -1,7 +1,5 @@
 """Looking at everything that a source could deliver, for the person who has no list of it."""
 
-from __future__ import annotations
-
 from typing import NamedTuple, Protocol, runtime_checkable
 
 

@@ -1,7 +1,5 @@
 """Written times to UTC seconds, with the clock changes of local time."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta

@@ -1,7 +1,5 @@
 """Units of telemetry, and how a value in one becomes a value in another."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from adapters.errors import SourceConfigError

@@ -1,7 +1,5 @@
 """Channels of a live source at work: what is remembered of them, and what the values that come mean to them."""
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import AsyncIterator, Callable, Hashable, Iterable, Sequence

@@ -1,7 +1,5 @@
 """Posterior quantiles of parameters that can be believed: an interval that has collapsed is none."""
 
-from __future__ import annotations
-
 from math import log
 from typing import Any
 

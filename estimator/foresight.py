@@ -9,8 +9,6 @@ foreseen as an Ornstein-Uhlenbeck process does that begins at nought: with sd s 
 s^2 (1 - exp(-2 t / fade)) after t. Each s follows from what a foresight of a day before would have been off by.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

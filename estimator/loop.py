@@ -14,8 +14,6 @@ sample and over a plan alike: heat that is known for any time, such as sun by fa
 there.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple

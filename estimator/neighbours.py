@@ -13,8 +13,6 @@ counts as DAYS of one's own, so that a room which is unlike its neighbours has s
 An experience is arrays by name. It is made for one estimator of one network, and belongs into that zone's checkpoints.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 

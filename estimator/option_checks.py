@@ -3,8 +3,6 @@
 Whatever is wrong raises OptionsError with one sentence naming the option.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import field, fields
 from typing import Any, TypeGuard, TypeVar

@@ -1,7 +1,5 @@
 """The online estimators by name. A new one is one file, and one entry in `ESTIMATORS`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Wall clocks: what a logger that knows no time zone writes down."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from zoneinfo import ZoneInfo
 

@@ -1,7 +1,5 @@
 """Processes that compute beside each other."""
 
-from __future__ import annotations
-
 import multiprocessing
 from multiprocessing.context import BaseContext
 

@@ -1,7 +1,5 @@
 """Pauses between attempts at what keeps failing."""
 
-from __future__ import annotations
-
 import asyncio
 
 

@@ -1,7 +1,5 @@
 """The documentation says what the code does: examples run, tables name what there is, links lead somewhere."""
 
-from __future__ import annotations
-
 import gzip
 import inspect
 import json

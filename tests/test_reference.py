@@ -4,8 +4,6 @@ A page has `<!-- table: module.Model -->` where the table of a model belongs. A 
 have is told with the channels.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -1,7 +1,5 @@
 """No path, key expression or statement is built from text that nobody has checked, and no text becomes code."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

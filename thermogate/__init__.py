@@ -11,8 +11,6 @@ Importing this package is quick: the estimator is imported when one of the names
 Nobody but notebooks and scripts comes in here; inside, `frames` is where pandas is.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any

@@ -1,7 +1,5 @@
 """What people pass in a notebook, in Python's own types."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from datetime import timedelta
 from typing import Any

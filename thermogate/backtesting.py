@@ -1,7 +1,5 @@
 """`backtest` and `compare`: what forecasts along a table would have been worth."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 from datetime import tzinfo

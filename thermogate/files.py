@@ -1,7 +1,5 @@
 """A model as one file, NumPy's npz with a digest and never pickle, or out of the state folder of a daemon."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """`fit` and `load`: where a model comes from."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 from datetime import timedelta, tzinfo

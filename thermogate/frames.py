@@ -1,7 +1,5 @@
 """pandas: tables of measurements in, tables of results out."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Answers about the heating of a zone as pandas has them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A table of measurements through the daemon's alignment and worker."""
 
-from __future__ import annotations
-
 from collections import Counter
 from math import inf
 from typing import NamedTuple

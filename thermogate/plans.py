@@ -1,7 +1,5 @@
 """A plan, as people write it in a notebook, in the grammar of plans."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Figures of a model, drawn by matplotlib from tables and records: each function draws one panel."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import cache
 from io import BytesIO

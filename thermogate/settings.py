@@ -1,7 +1,5 @@
 """The arguments of `fit` as a checked zone: the same rules and defaults as in the configuration of the daemon."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 from datetime import tzinfo
 from pathlib import Path

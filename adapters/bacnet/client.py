@@ -1,7 +1,5 @@
 """The connection to a BACnet/IP network: bacpypes3 behind a few verbs, its errors as ours. It can only read."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Objects of a BACnet device: how they are called, and what can be read of them. Pure."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 TYPES = {

@@ -1,7 +1,5 @@
 """What the values of a BACnet object mean to the channels: readings for the daemon, and probes for a person."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 

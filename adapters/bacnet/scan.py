@@ -1,7 +1,5 @@
 """Who is on a BACnet network, and what numbers each device has to offer. Reads only."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Refused

@@ -1,7 +1,5 @@
 """One BACnet device at work: found, subscribed to, polled, and left alone while it is silent."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import math

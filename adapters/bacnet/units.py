@@ -1,7 +1,5 @@
 """BACnet's engineering units (ASHRAE 135, clause 21) in the words of the configuration."""
 
-from __future__ import annotations
-
 NO_UNITS = 95
 
 _OURS = {

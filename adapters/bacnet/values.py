@@ -1,7 +1,5 @@
 """What a device answers, as bacpypes3 decodes it: numbers, text and status flags. Pure."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar
 

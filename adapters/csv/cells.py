@@ -1,7 +1,5 @@
 """Cells of a recorded table as compact arrays: a value and a status code for each."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The tables of kind "csv": recorded files."""
 
-from __future__ import annotations
-
 from pathlib import PurePath
 from typing import Annotated, ClassVar, Literal, Self
 from zoneinfo import ZoneInfo

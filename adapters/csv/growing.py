@@ -1,7 +1,5 @@
 """A CSV file that somebody else appends to, read in pieces of whole lines."""
 
-from __future__ import annotations
-
 from errno import ENOENT
 from pathlib import Path
 

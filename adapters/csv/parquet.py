@@ -1,7 +1,5 @@
 """Parquet files, which have typed columns, as the chunks of a recorded file. pyarrow is an extra."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Recorded telemetry from CSV files as a source of readings (paper 4.3.1: records ordered by timestamp)."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Iterator, Sequence
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """One recorded CSV file as a table of channels over UTC time."""
 
-from __future__ import annotations
-
 import codecs
 import csv
 import gzip

@@ -1,7 +1,5 @@
 """The timestamp column of a recorded file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 from zoneinfo import ZoneInfo

@@ -1,7 +1,5 @@
 """Addresses of web servers, as people write them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from urllib.parse import urlsplit
 

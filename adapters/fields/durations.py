@@ -1,7 +1,5 @@
 """Durations as people write them in a configuration: "30s", "5min", "1h", "7d", or a number of seconds."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """Who we are to others: user and password, and certificates, and what is wrong with the files that hold them."""
 
-from __future__ import annotations
-
 import os
 import ssl
 from collections.abc import Iterator

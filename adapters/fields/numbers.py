@@ -1,7 +1,5 @@
 """What counts as a number, in a configuration, on a command line and in a request."""
 
-from __future__ import annotations
-
 import math
 import sys
 

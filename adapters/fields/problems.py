@@ -1,7 +1,5 @@
 """Mistakes in a configuration as sentences: the place in the file, what is wrong, the remedy."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from types import UnionType

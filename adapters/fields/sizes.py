@@ -1,7 +1,5 @@
 """Sizes as people write them in a configuration: "500MB", "2GB", or a number of bytes."""
 
-from __future__ import annotations
-
 import math
 
 from adapters.fields.durations import as_written, in_units

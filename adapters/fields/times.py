@@ -1,7 +1,5 @@
 """Times as people and programs write them: RFC 3339 with a zone, in UTC wherever Thermogate writes one."""
 
-from __future__ import annotations
-
 import math
 from datetime import UTC, datetime
 

@@ -1,7 +1,5 @@
 """Values of the configuration file, each with a check that says in one sentence what is wrong and what to write."""
 
-from __future__ import annotations
-
 import difflib
 import ipaddress
 import math

@@ -1,7 +1,5 @@
 """Values and names as a sentence shows them."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """The tables of kind "home-assistant": the history in the database of its recorder."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field

@@ -4,8 +4,6 @@ A state holds until the next one, as long as the recorder was running. The table
 2023.4) and later: `states`, `states_meta`, `state_attributes`, `recorder_runs`, `statistics`, `statistics_meta`.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import sqlite3

@@ -1,7 +1,5 @@
 """The tables of kind "http": values that clients such as Telegraf post to the daemon."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import ClassVar, Literal, Self
 

@@ -1,7 +1,5 @@
 """One value as a client posts it, out of SenML packs and of line protocol. Pure."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from math import isfinite
 from typing import NamedTuple

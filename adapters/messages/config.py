@@ -1,7 +1,5 @@
 """What every source that others publish to has in the configuration, whatever carries the messages: what is in them."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer

@@ -1,7 +1,5 @@
 """What a payload says: plain numbers, JSON documents and SenML packs as values with their time and quality. Pure."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice

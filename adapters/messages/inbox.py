@@ -1,7 +1,5 @@
 """The way from the threads of a client library into the event loop: bounded, fair, and never in the library's way."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from collections import OrderedDict, deque

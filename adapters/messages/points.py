@@ -1,7 +1,5 @@
 """What samples mean to the channels of a source: readings for the daemon, and probes for a person."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any

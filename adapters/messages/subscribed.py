@@ -1,7 +1,5 @@
 """What every source of subscriptions does, whatever carries the messages."""
 
-from __future__ import annotations
-
 import asyncio
 import difflib
 import logging

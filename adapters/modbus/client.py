@@ -1,7 +1,5 @@
 """The connection to a Modbus device or gateway: pymodbus behind a few verbs, its errors as ours. It can only read."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import struct

@@ -1,7 +1,5 @@
 """Registers of a Modbus device as numbers: types, word and byte order, values that stand for "not available"."""
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Which requests read a set of Modbus points: neighbours together, small gaps filled, none longer than allowed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 

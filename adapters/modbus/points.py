@@ -1,7 +1,5 @@
 """What the words of a Modbus answer mean to the channels of the daemon: readings."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from functools import partial
 

@@ -1,7 +1,5 @@
 """One look at the channels of a Modbus source for the person who sets it up: what is there, and what might be meant."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Iterator, Sequence
 from math import isfinite

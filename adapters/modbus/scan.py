@@ -1,7 +1,5 @@
 """Which registers Modbus units have, and what numbers might be in them. Reads only, and bounded."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """Live telemetry polled from Modbus devices, read only."""
 
-from __future__ import annotations
-
 import logging
 import time
 from collections import deque

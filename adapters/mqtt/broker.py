@@ -1,8 +1,6 @@
 """Where a broker is, how it is reached, and who connects to it: the same for what the daemon publishes and for a
 source."""
 
-from __future__ import annotations
-
 import ssl
 from collections.abc import Iterator
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """The MQTT client library behind one door: connections, with the library's errors as ours."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import ssl

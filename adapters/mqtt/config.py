@@ -1,7 +1,5 @@
 """The tables of kind "mqtt": what devices publish on a broker."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator

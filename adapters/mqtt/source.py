@@ -1,7 +1,5 @@
 """Live telemetry that devices publish on an MQTT broker."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import secrets

@@ -1,7 +1,5 @@
 """The connection to an OPC UA server: asyncua behind a few verbs, its errors as ours. It can only read."""
 
-from __future__ import annotations
-
 import logging
 import struct
 from collections import deque

@@ -1,7 +1,5 @@
 """The tables of kinds "opcua" and "opcua-history": the values of OPC UA servers, as they are now and as they were."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from importlib.util import find_spec
 from typing import Annotated, ClassVar, Literal

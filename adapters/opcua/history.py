@@ -1,7 +1,5 @@
 """The history of an OPC UA server as a database of time series."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

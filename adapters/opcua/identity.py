@@ -1,7 +1,5 @@
 """Certificates of an OPC UA channel: who we are, and whom we trust."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """What an OPC UA server says of a node: value, status and time, and how far that can be believed. Pure."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from adapters.reading import Fault, Quality

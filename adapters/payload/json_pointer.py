@@ -1,7 +1,5 @@
 """JSON pointers (RFC 6901): where in a document a value stands."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress

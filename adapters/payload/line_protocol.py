@@ -1,7 +1,5 @@
 """InfluxDB line protocol, as Telegraf writes it: lines of measurement, tags, fields and a time. Pure."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """SenML packs in JSON (RFC 8428): base fields resolved into records."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple, TypeVar
 

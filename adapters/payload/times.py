@@ -1,7 +1,5 @@
 """Times that a payload carries, as UTC seconds."""
 
-from __future__ import annotations
-
 import math
 from datetime import datetime
 from zoneinfo import ZoneInfo

@@ -1,7 +1,5 @@
 """The tables of kind "schedule": a week of values that the configuration itself says."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Annotated, ClassVar, Literal, Self
 from zoneinfo import ZoneInfo

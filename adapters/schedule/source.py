@@ -1,7 +1,5 @@
 """A schedule as a live source: what it has now, again and again."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import AsyncIterator, Sequence

@@ -1,7 +1,5 @@
 """A week of values in local time: what each day of the week has, and public holidays."""
 
-from __future__ import annotations
-
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, timedelta, tzinfo

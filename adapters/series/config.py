@@ -1,7 +1,5 @@
 """The tables of kinds "prometheus" and "influxdb": histories in databases of time series."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, PlainSerializer

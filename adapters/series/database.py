@@ -1,7 +1,5 @@
 """What databases of time series are asked over HTTP, and what their answers say."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import json

@@ -1,7 +1,5 @@
 """The history in a database as a source of readings."""
 
-from __future__ import annotations
-
 from collections.abc import AsyncIterator, Sequence
 from math import inf
 

@@ -1,7 +1,5 @@
 """Forecasts of the weather, as [weather.<name>] tables."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal, Self
 

@@ -1,7 +1,5 @@
 """Forecasts as JSON in the form of Open-Meteo: `{"hourly": {"time": [...], "temperature_2m": [...]}}`."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """A forecast of the weather, and what every source of them offers."""
 
-from __future__ import annotations
-
 from collections.abc import AsyncIterator, Mapping
 from typing import NamedTuple, Protocol
 

@@ -1,7 +1,5 @@
 """Forecasts that are published on Zenoh, as documents."""
 
-from __future__ import annotations
-
 from collections.abc import AsyncIterator
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Forecasts that are looked up: a file that is written anew, or an address."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 import urllib.error

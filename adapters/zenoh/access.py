@@ -4,8 +4,6 @@ Every message that comes in or goes out is looked at, by its key and by who is a
 knows them by the name of their user and by the common name of their certificate.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 ANYBODY = "*"

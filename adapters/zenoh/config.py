@@ -1,7 +1,5 @@
 """The tables of kind "zenoh": what a building management system publishes."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator

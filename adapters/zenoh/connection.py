@@ -4,8 +4,6 @@ source.
 It listens and connects where it is told and nowhere else: no multicast scouting, no gossip.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Literal, Self
 

@@ -1,7 +1,5 @@
 """The Zenoh session of a source: opened, watched and closed; Zenoh's errors as ours."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import socket

@@ -1,7 +1,5 @@
 """Live telemetry that the building management system publishes on Zenoh; nothing is ever put there."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import AsyncIterator, Collection, Sequence
 from contextlib import asynccontextmanager

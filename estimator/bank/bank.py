@@ -5,8 +5,6 @@ poor over one step. So each member keeps its own settings, and the bank, itself 
 trust at which horizon (`estimator.bank.weights`) and how wide to make what it publishes (`estimator.bank.coverage`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple

@@ -11,8 +11,6 @@ recursively: with z the standard normal quantile at the probability of what came
 is right. Verified forecasts count here as far as they do not overlap, against a prior of _PRIOR that had it right.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ farther from the weighted median of the members' means than a reach, in units of
 The reach grows with every verified forecast: nearly a median in the beginning, a mixture in the end.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

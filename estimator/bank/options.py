@@ -1,7 +1,5 @@
 """Options of the bank: its members, and how their weights and the width of what is published are learned."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple

@@ -11,8 +11,6 @@ the best member (exponentiated gradient, CRPS learning: Berrisch and Ziel 2021).
 costs, so that the rate suits every building, and it is bounded, so that one surprise does not decide.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -8,8 +8,6 @@ A regression that fits one step well is too sure of itself over hours. So the sp
 of forecasts whose time has come (`verified`), and from the residuals of one step only until there are some.
 """
 
-from __future__ import annotations
-
 from math import exp
 from typing import NamedTuple
 

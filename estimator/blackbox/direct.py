@@ -11,8 +11,6 @@ believed (between 0, which is persistence, and 1), and the spread, follow from t
 was ever seen to change in that time.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Options of the online ARX model, of the one on changes since the day before, and of the direct regressions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any

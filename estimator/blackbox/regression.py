@@ -1,7 +1,5 @@
 """What the models without physics have in common: Gaussian forecasts, states of arrays, and no building to tell of."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -6,8 +6,6 @@ storage cancels, and sum_b w_b (T_i - T_b) = sum_h r_h q_h holds for the sums to
 side, the heat loss that the record needs is c times that of the model.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

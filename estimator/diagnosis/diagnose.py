@@ -1,7 +1,5 @@
 """All findings about one zone at once, and when it is time to look for them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A finding: something about a zone's model that is not known or not plausible, and what to do about it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Forecasts that no room can follow."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from math import ceil
 from typing import Any

@@ -1,7 +1,5 @@
 """Where the members of a bank disagree, and which variant of the network they trust."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 

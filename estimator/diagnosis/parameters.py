@@ -1,7 +1,5 @@
 """Parameters at a bound, parameters that the data say nothing about, and bounds that the data support."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

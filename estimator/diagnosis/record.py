@@ -3,8 +3,6 @@
 Its size is bounded and does not grow: the energy balance needs sums over the last weeks, and no samples.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A thermostat that is not obeyed: it calls and no heat comes, or heat comes that nobody called for."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimator.diagnosis.finding import CALLS_WITHOUT_HEAT, HEAT_WITHOUT_CALL, Finding, amount

@@ -8,8 +8,6 @@ These filters have no volatility and no particles: they name no blocks, and thei
 N_eff.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Augmented-state extended Kalman filter (paper 3.3.1)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

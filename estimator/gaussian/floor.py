@@ -4,8 +4,6 @@ Its parameters are the truth, and a heat gain that other estimators are not told
 remains is the noise that nothing can predict, so its scores are the best that are to be had on that data.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ walk of .01 per step in log theta. `default` is what a user gets, scaled to the 
 since real buildings are disturbed and these filters have no other way to allow for it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import sqrt

@@ -1,7 +1,5 @@
 """Gaussian algebra on square roots of covariances: P = L L^T can lose neither its symmetry nor its definiteness."""
 
-from __future__ import annotations
-
 from math import log, pi, sqrt
 from typing import NamedTuple
 

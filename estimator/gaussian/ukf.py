@@ -13,8 +13,6 @@ The usual r = sqrt(3) matches the kurtosis of a Gaussian, and puts the points of
 known of, uniform in the log box, on the box's two edges.
 """
 
-from __future__ import annotations
-
 from math import sqrt
 
 import numpy as np

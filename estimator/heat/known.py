@@ -1,7 +1,5 @@
 """The known part f of a network's terms at any time, past or planned, beside the measured inputs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import NamedTuple

@@ -6,8 +6,6 @@ diffuse radiation fraction", Solar Energy 28 (1982). Clear sky: Haurwitz, "Insol
 cloud density", Journal of Meteorology 2 (1945), 1098 W/m2 sin(h) exp(-.057 / sin(h)).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ appliances and light is about 3 +- 1.5 W/m2 (ISO 13790 has 1 to 6 W/m2 in homes)
 times their transmittance and what shades leave of it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from estimator.errors import NetworkError

@@ -1,7 +1,5 @@
 """Between arrays over all particles and the memory of a block."""
 
-from __future__ import annotations
-
 from numba import njit
 
 from estimator.kernels.jit import PART

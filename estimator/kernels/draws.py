@@ -9,8 +9,6 @@ Draws have shape (rows, N): one counter gives particle n its draws of four rows.
 words by Box and Muller.
 """
 
-from __future__ import annotations
-
 from enum import IntEnum
 from math import sqrt
 

@@ -3,8 +3,6 @@
 Relative errors are a few roundings.
 """
 
-from __future__ import annotations
-
 from math import factorial, pi, sqrt
 
 import numpy as np

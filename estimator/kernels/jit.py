@@ -5,8 +5,6 @@ branches nor calls the C library, so that LLVM makes vector instructions of it. 
 stand inside it where their number is known to the compiler: from the type of `size`, a tuple of as many entries.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 JIT: Any = {

@@ -10,8 +10,6 @@ one compilation serves every network of as many states. Every array has the part
 which the first `width` are computed.
 """
 
-from __future__ import annotations
-
 from math import sqrt
 from typing import NamedTuple
 

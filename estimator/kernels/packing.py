@@ -1,7 +1,5 @@
 """Symmetric matrices packed as their lower triangles: n (n + 1) / 2 entries, row by row."""
 
-from __future__ import annotations
-
 
 def packed(i: int, j: int) -> int:
     """Place of (i, j) in a packed triangle."""

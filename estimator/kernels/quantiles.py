@@ -1,7 +1,5 @@
 """Quantiles of Gaussian mixtures, compiled."""
 
-from __future__ import annotations
-
 from math import sqrt
 
 import numpy as np

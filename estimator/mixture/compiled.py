@@ -1,7 +1,5 @@
 """The moves of `ReferenceMixture` that cost most, on the Numba kernels."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import ndtri
 

@@ -1,7 +1,5 @@
 """The moves of the mixture Kalman filter over all particles, compiled, a block at a time."""
 
-from __future__ import annotations
-
 from math import log, sqrt
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ own unit; most networks have none), and the logarithms of the free parameters. S
 for certain, are the noise levels, whether the gain is on, and the gain's time constant.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ one with little process noise and a large measurement noise, close to an output-
 poor over one step. Every preset is one such compromise, scaled to the sampling period.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from math import sqrt

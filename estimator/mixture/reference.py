@@ -4,8 +4,6 @@ Chen and Liu, "Mixture Kalman filters", J. R. Statist. Soc. B 62 (2000): what ma
 sampled, the rest is an (extended) Kalman filter of each particle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

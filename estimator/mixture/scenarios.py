@@ -4,8 +4,6 @@ A future is a draw from the mixture, discretised once, and then a recursion with
 of its own. Its parameters, its sigma_y and the time constant of its gain stay as they were drawn.
 """
 
-from __future__ import annotations
-
 from math import sqrt
 
 import numpy as np

@@ -4,8 +4,6 @@
 is the textbook construction of C, G_int and B_u from them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import NamedTuple

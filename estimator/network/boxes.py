@@ -29,8 +29,6 @@ Reasons, per m2 of floor:
 A share of heat (f_air, or of a meter of several zones) does not grow with the building and keeps its bounds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from math import sqrt

@@ -4,8 +4,6 @@ C^(-1/2) G C^(-1/2) is symmetric, so one symmetric eigendecomposition gives both
 integral without ever inverting G: exp(-lambda dt) and (1 - exp(-lambda dt)) / lambda are safe for any lambda >= 0.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Every variant adds to the network and takes nothing away: it has the same inputs
 So variants can stand beside each other in a bank, and what one of them learns can be told in the terms of the others.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from estimator.network.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter

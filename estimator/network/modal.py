@@ -5,8 +5,6 @@ rate and is driven by W^T B_u u. The derivative of the matrix exponential is exa
 of exp in direction K is K times, element by element, the divided differences of exp at the rates (Daleckii and Krein).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

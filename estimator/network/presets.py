@@ -9,8 +9,6 @@ from a room of 20 m2 to a hall of 2,000 m2, the bounds come from the floor area 
 reasons): every network but building-67 can take them, and `automatic` has the widest ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial

@@ -7,8 +7,6 @@ jittered values are clipped to the box (as the authors' runs do), and "logit", t
 which has no edge to clip at: with clipping, and no data at all, the variance of phi falls to a quarter in 2,000 steps.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where the state nodes of a network start."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimator.arrays import Array

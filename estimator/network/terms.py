@@ -4,8 +4,6 @@ Heat into node n at step k is, beside what a network measures, the sum of c_j f_
 any time, past or planned (`estimator.heat`); the coefficients c_j are learned with the state (`estimator.mixture`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

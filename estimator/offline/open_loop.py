@@ -4,8 +4,6 @@ For fixed theta the network is linear and time-invariant, so its modes are first
 for the simulation and backward for its adjoint. The gradient by d parameters costs about as much as the simulation.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The volatility-based learning gate (paper 3.4.4)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Means are (n_x, N). Covariances are packed: the lower triangle row by row, (n_x 
 matrix cannot lose its symmetry and takes no more memory than it has to.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

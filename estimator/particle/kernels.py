@@ -1,7 +1,5 @@
 """The steps of the particle filter over all particles, compiled (Algorithm 1)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

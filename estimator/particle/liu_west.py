@@ -1,7 +1,5 @@
 """Gated Liu-West rejuvenation (paper (24)-(28)), in NumPy."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

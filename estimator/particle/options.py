@@ -5,8 +5,6 @@ gets: exact zero-order hold, logit coordinates, moment-preserving rejuvenation, 
 scaled to the sampling period.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import sqrt

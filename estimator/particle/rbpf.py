@@ -6,8 +6,6 @@ the mixture of line 10. The state between two samples is therefore the predicted
 forecasts is what the next update scores. Every method is pure.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

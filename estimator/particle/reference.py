@@ -1,7 +1,5 @@
 """The particle step in NumPy and SciPy: the oracle that the compiled kernel is held to."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import ndtr
 

@@ -1,7 +1,5 @@
 """Weights, effective sample size and systematic resampling (Algorithm 1, lines 11 and 14)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

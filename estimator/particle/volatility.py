@@ -1,7 +1,5 @@
 """The stochastic-volatility state (paper 3.4.1)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimator.arrays import Array

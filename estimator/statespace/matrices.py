@@ -11,8 +11,6 @@ Over one period the gain is switched off or stays, heats its node, and then deca
 that a simulation passes through the same values.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple

@@ -5,8 +5,6 @@ what people will set. Each guess becomes a future of its own, and what it proved
 much it counts (`estimator.thermostat.live`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ last verified forecasts that had the room held stand for those to come: they are
 it over time. What futures differ by already is taken off the errors, so that both together spread as the errors do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -20,8 +20,6 @@ cancels out: how far the room is from its set-point while a share of the power i
 by the medians of x in bins of q / P.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

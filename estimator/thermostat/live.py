@@ -18,8 +18,6 @@ errors of verified forecasts that had the room held are added (`estimator.thermo
 widths for the other times: with all heat on, and with none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ A sample is remembered in the slot of its time, at most one every SLOT s, so tha
 the rate of sampling. A zone that nobody tells a set-point remembers nothing and needs no memory.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is known of a zone's thermostat between two samples: the last fortnight, and the laws fitted to it every day."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

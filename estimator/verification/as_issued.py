@@ -5,8 +5,6 @@ what the published forecast was worth when nobody knew it. Once an hour the fore
 kept, and scored when its time has come, beside persistence and the same time a day before.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 

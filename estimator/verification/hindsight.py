@@ -5,8 +5,6 @@ come, the sample is unfolded under the inputs that really followed, and the dist
 So a model is judged by what it makes of the inputs, not by how well anybody foresaw them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """The forecast of the next sample, as it is told and scored: moments and central intervals of every output."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Scores of one forecast against what came, and mixtures made small enough to be scored."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How forecasts have turned out: sums by the hour, kept for thirty days, and the scores of any window in them."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

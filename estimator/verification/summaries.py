@@ -1,7 +1,5 @@
 """What is told of the mixtures of a forecast: moments and quantiles, time by time."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

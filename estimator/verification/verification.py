@@ -4,8 +4,6 @@ One step is what was published, at every sample. Hours ahead it is a forecast th
 when its time has come, under the inputs that really followed (`estimator.verification.hindsight`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """A simulated plant beside something else in the same process."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import Future

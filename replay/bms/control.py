@@ -1,7 +1,5 @@
 """The control surface of the simulated plant over HTTP on loopback: the truth, set-points and heating, and faults."""
 
-from __future__ import annotations
-
 import math
 from http import HTTPStatus
 from typing import Any

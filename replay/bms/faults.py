@@ -1,7 +1,5 @@
 """The fault menu: what can go wrong in the plant, switched on and off while it runs, at once or later."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence

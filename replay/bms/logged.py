@@ -5,8 +5,6 @@ on at its pace. The daemon follows the file that the logger writes; on a slow ma
 another.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import tarfile

@@ -4,8 +4,6 @@ Three makes of room controller and a weather station differ as those of a grown 
 scales, units and in what stands for "not available". `plant.toml` has them as data.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Mapping
 from functools import partial

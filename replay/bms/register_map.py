@@ -1,7 +1,5 @@
 """The register map of the simulated plant, for people."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from replay.bms.plant import Channel, Device

@@ -1,7 +1,5 @@
 """Modbus registers: where a value lives in a device, and the words that carry it."""
 
-from __future__ import annotations
-
 import math
 import struct
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The building in time: the world kept up with the clock, and what its sensors say, faults included."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import time

@@ -6,8 +6,6 @@ C / p dT/dt = sum of flows. Conductances, powers and the solar aperture stay as 
 estimator that belong to a step are written out as they would be for the simulated length of that step.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`thermogate demo`: the daemon on a simulated building that lives in this process."""
 
-from __future__ import annotations
-
 import argparse
 import socket
 import tempfile

@@ -1,7 +1,5 @@
 """`thermogate experiment NAME`: its arguments, and what they start."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -1,7 +1,5 @@
 """`thermogate learn`: history into the state of a daemon's zones, so that it starts as if it had been running."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

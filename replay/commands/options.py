@@ -1,7 +1,5 @@
 """Options that several commands have, and options as a table."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path

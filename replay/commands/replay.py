@@ -1,7 +1,5 @@
 """`thermogate replay`: recorded sources through the daemon's own worker, into files."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from contextlib import suppress

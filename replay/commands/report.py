@@ -1,7 +1,5 @@
 """`thermogate report`: the report of a running daemon's history."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`thermogate simulate-bms`: its arguments, and what they start."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import fields
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`thermogate simulate-energyplus`: a recording of a building that EnergyPlus simulates, with the truth beside it."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from datetime import date

@@ -3,8 +3,6 @@
 `buildings.toml` has them as data.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -3,8 +3,6 @@
 EnergyPlus calls back; a controller wants to call. Two queues of length one turn the one into the other.
 """
 
-from __future__ import annotations
-
 import ctypes
 import json
 import tempfile

@@ -4,8 +4,6 @@ There is no HVAC system, and the system's step is the zone's step, so that whate
 acts during the whole of it.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Sequence
 from datetime import date

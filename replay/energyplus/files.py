@@ -1,7 +1,5 @@
 """A recording as files: what the logger has, a configuration that replays it, and the truth beside it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

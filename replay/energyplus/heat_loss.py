@@ -5,8 +5,6 @@ and the temperatures over outdoors d of all tests obey P = G D, with one column 
 G holds the conductances of room i. Its sum is what the room loses to outdoors per kelvin (UA).
 """
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import NamedTuple

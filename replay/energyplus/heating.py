@@ -1,7 +1,5 @@
 """How the panels of a building are driven: on and off, in proportion, or by a plan that does not look at the room."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np

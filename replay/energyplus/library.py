@@ -4,8 +4,6 @@ The package carries the library without its Python module. Only what `replay.ene
 names are those of EnergyPlus's C headers (`runtime.h`, `datatransfer.h`).
 """
 
-from __future__ import annotations
-
 import ctypes
 import importlib.util
 from functools import lru_cache

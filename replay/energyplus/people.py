@@ -1,7 +1,5 @@
 """What people do to a room: they are there, cook, switch on lights and open windows, anew each day from a seed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple

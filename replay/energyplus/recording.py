@@ -1,7 +1,5 @@
 """A period of a building's life as a logger would keep it, and the truth beside it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from datetime import date
 from typing import NamedTuple

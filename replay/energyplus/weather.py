@@ -1,7 +1,5 @@
 """Typical years of weather as EPW files: those that come with EnergyPlus by name, and any other by its path."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from datetime import date, timedelta
 from pathlib import Path

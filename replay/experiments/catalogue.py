@@ -1,7 +1,5 @@
 """The experiments by name, as `catalogue.toml` has them."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from importlib import import_module

@@ -3,8 +3,6 @@
 A finished run is one file, written whole or not at all, so that an experiment can be gone on with.
 """
 
-from __future__ import annotations
-
 import hashlib
 import multiprocessing
 import os

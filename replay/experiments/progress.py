@@ -1,7 +1,5 @@
 """How far an experiment is with what is no run: reading and simulating before the runs, scoring after them."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable, Iterator
 from typing import TypeVar

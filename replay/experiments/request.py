@@ -1,7 +1,5 @@
 """What the command line asks of an experiment."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path

@@ -4,8 +4,6 @@ Forecasts that wait for their time, and what was known some days before, are mos
 again within a day, which is minutes of a demo.
 """
 
-from __future__ import annotations
-
 import json
 import sqlite3
 import tarfile

@@ -5,8 +5,6 @@ update becomes a row of the history, and checkpoints follow. So a run that was i
 and a second run over the same history finds nothing new. Each zone learns in one process, several zones on all cores.
 """
 
-from __future__ import annotations
-
 import asyncio
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """What a building's logger makes of its sensors: uneven times, noise, resolution, gaps, missing cells, late rows."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ Writes per zone `updates.csv` (one row per sample, the interval being the one fo
 what each zone's model does not know.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -5,8 +5,6 @@ findings, laws of the thermostat and what it knows of the room. What it does not
 days went, follows from its accepted samples, for the same samples and settings give the same bits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path

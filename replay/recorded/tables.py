@@ -1,7 +1,5 @@
 """Recorded periods as CSV files: the same table gives the same bytes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

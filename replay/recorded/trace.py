@@ -1,7 +1,5 @@
 """What a zone's worker went through over a period, for the report of it."""
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """What to change in the configuration, from findings, skill and residuals. Every sentence names a key or a command."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -5,8 +5,6 @@ a sentence with {gaps} for numbers and names; a gap in capitals holds other such
 a part of one, and {{ is a brace. What is not found, and names, stay as they are.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Collection

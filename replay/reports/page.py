@@ -1,7 +1,5 @@
 """The page of a report: what a facility manager and an engineer want to know of each zone after a period."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import takewhile
 

@@ -1,7 +1,5 @@
 """The plots of a zone's report."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A report into the terminal and into a file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What the errors of the one-step forecasts still tell: their place in the forecast, their memory, and inputs."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

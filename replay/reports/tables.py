@@ -1,7 +1,5 @@
 """The tables of a report; the same rows stand in the terminal and on the page."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

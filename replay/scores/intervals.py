@@ -9,8 +9,6 @@ Two conventions give the arguments their meaning, and are never mixed:
 Rows with a NaN count for nothing; without any other row the score is NaN.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

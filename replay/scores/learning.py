@@ -1,7 +1,5 @@
 """Whether an estimator learns from disturbances, and whether its volatility tells them (paper 3.5.2 and 5.1.2)."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.stats import rankdata
 

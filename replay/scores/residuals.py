@@ -1,7 +1,5 @@
 """What structure an open-loop residual still has (paper 4.3.3). Small values: little is left to explain."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimator.arrays import Array

@@ -1,7 +1,5 @@
 """Distance between the input-output dynamics of two parameter vectors (paper 3.5.1)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

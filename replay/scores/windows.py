@@ -1,7 +1,5 @@
 """Open-loop accuracy on windows in which the model should hold (paper 4.3.7, 5.1.4): what a controller relies on."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple

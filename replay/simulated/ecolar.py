@@ -5,8 +5,6 @@ adjacent store room that the sun heats, staff who come irregularly on weekdays, 
 that no sensor sees.
 """
 
-from __future__ import annotations
-
 import argparse
 import tomllib
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Heat that comes and goes: the square waves of paper 4.2 and the irregular gains of a building in use."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

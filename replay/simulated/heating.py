@@ -1,7 +1,5 @@
 """A zone whose thermostats look at its temperature: the simulated building in closed loop."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

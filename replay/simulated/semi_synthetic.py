@@ -1,7 +1,5 @@
 """The semi-synthetic testbed of paper 4.2: building 67, real or generated weather, a known unmeasured gain."""
 
-from __future__ import annotations
-
 import csv
 from datetime import UTC, datetime
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The simulated building: an RC network with known parameters, discretised exactly."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Temperature: annual and diurnal cosine, the latter wider under a clear sky, plus
 the clear sky of `estimator.heat.sun` times a stochastic cloud index.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 Exit codes: 0 done, 1 failure, 2 usage or configuration, 130 interrupted. Mistakes go to stderr, one sentence a line.
 """
 
-from __future__ import annotations
-
 import argparse
 import atexit
 import os

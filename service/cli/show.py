@@ -1,7 +1,5 @@
 """What the commands show: the summary of a check, where a demo is to be seen, and the network presets."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from adapters.fields.durations import format_duration

@@ -1,7 +1,5 @@
 """Checks across the tables of a configuration: names must meet, units convert, files be there."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

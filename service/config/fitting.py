@@ -4,8 +4,6 @@ its state, and what it begins with beside zones that have learned.
 The daemon and `thermogate replay` both build their zones here, so that a recorded period runs through the same code.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import islice
 from math import ceil, nan

@@ -1,7 +1,5 @@
 """[fleet]: how the zones of a site are spread over the machines of a Ray cluster, and where their state is kept."""
 
-from __future__ import annotations
-
 from typing import Annotated
 from urllib.parse import parse_qs, urlsplit
 

@@ -1,7 +1,5 @@
 """[http] as it is written in the configuration: where REST is served, to whom, and how much of it."""
 
-from __future__ import annotations
-
 import ipaddress
 import re
 from typing import Annotated, Self

@@ -1,7 +1,5 @@
 """The configuration that a daemon runs with, kept in its state folder for those who read the state."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from service.config.site import Config

@@ -1,8 +1,6 @@
 """Which heat of a zone is known up to coefficients: sun and habits, as its table and the site say, and its share of a
 meter of several zones."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Reading the configuration file, and explaining everything that is wrong with it at once."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """[log]: how the daemon writes its log."""
 
-from __future__ import annotations
-
 import logging
 from typing import Annotated, Literal
 

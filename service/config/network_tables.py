@@ -1,7 +1,5 @@
 """The network of a zone as it is written in the configuration: a preset, perhaps with changes, or inline."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, BeforeValidator, Field, PlainValidator, model_validator

@@ -1,7 +1,5 @@
 """From the network table of a zone to the estimator's `Network`."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any

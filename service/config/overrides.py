@@ -1,7 +1,5 @@
 """Changes to a configuration from the command line: `--set dotted.key=value`."""
 
-from __future__ import annotations
-
 import copy
 import tomllib
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Zones that have learned with what their tables once meant go on with it: members of a bank, sun and habits."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

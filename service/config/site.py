@@ -4,8 +4,6 @@
 "is missing; give ..." and "must be ...".
 """
 
-from __future__ import annotations
-
 import zlib
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self

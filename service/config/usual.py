@@ -1,7 +1,5 @@
 """Where the values of a channel usually lie, by what it measures: for a person who connects a plant."""
 
-from __future__ import annotations
-
 from math import inf
 
 from adapters.channel import ChannelConfig

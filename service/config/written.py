@@ -1,7 +1,5 @@
 """A configuration written out again as TOML."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A running site, put together from a configuration, a store and sinks: the daemon has one, and so has every shard."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from collections.abc import Callable, Mapping, Sequence

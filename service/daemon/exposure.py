@@ -1,7 +1,5 @@
 """Whether the daemon may be reached from where its configuration says: encrypted, and with keys."""
 
-from __future__ import annotations
-
 import os
 from datetime import UTC, datetime
 

@@ -1,7 +1,5 @@
 """Every figure of the daemon that is read at the moment of a scrape."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 from service.daemon.runtime import Runtime

@@ -4,8 +4,6 @@ Numba writes it without checksums and fails on what it cannot read or write: a t
 a full disk, would fail every zone at every sample.
 """
 
-from __future__ import annotations
-
 import hashlib
 import logging
 import os

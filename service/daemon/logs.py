@@ -4,8 +4,6 @@ Lines of one kind are those of one message template about one thing (its first a
 these, and of a template in all, only so many are written per minute; then a line says how many were left out.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import math

@@ -1,7 +1,5 @@
 """How late the event loop is: the delay of a timer, over and over."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 

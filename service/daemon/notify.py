@@ -1,7 +1,5 @@
 """What systemd is told about the daemon: `sd_notify`(3), the datagrams of a service of `Type=notify-reload`."""
 
-from __future__ import annotations
-
 import logging
 import os
 import socket

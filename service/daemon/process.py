@@ -1,7 +1,5 @@
 """The process's own settings, made by the entry points: kernel cache, memory, threads, garbage."""
 
-from __future__ import annotations
-
 import asyncio
 import atexit
 import ctypes

@@ -1,7 +1,5 @@
 """Questions on Zenoh, answered by the routes of REST: the same parameters, answers and errors."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """What a new configuration changes for a daemon that runs, and what it cannot change."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ SIGTERM or SIGINT the sources stop, the mailboxes are drained, checkpoints are w
 SIGHUP the configuration is read again. What runs is put together in `service.daemon.composition`.
 """
 
-from __future__ import annotations
-
 import asyncio
 import faulthandler
 import gc

@@ -1,7 +1,5 @@
 """The zones and sources of a running daemon: started, replaced by a reload, stopped."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from collections.abc import Collection, Iterable, Mapping

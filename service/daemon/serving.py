@@ -1,7 +1,5 @@
 """REST and its page at the address of [http], for the daemon's zones or those of a whole fleet."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Mapping
 from importlib.metadata import version

@@ -1,7 +1,5 @@
 """Tasks of the event loop, and how they end."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Collection
 from typing import Any

@@ -4,8 +4,6 @@ A zone without telemetry has nothing to do and is well. One whose sample is unde
 finished for a long time hangs, and only a restart of the process helps.
 """
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Mapping

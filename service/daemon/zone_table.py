@@ -1,7 +1,5 @@
 """The zones that run, as everybody who serves them sees them."""
 
-from __future__ import annotations
-
 from collections.abc import ItemsView, Iterator, KeysView, Mapping, ValuesView
 from typing import TypeVar
 

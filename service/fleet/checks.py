@@ -1,7 +1,5 @@
 """What a configuration needs to be run as a fleet, and what a fleet needs of it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from importlib.util import find_spec
 

@@ -1,7 +1,5 @@
 """What shards and gateways have in common: they go by the newest plan that the cluster keeps."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os

@@ -1,7 +1,5 @@
 """What the members of a fleet tell each other."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

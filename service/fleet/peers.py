@@ -4,8 +4,6 @@ Every member is an actor with a name in the namespace of its site, restarted by 
 body, whose coroutines are what can be asked of it. No other module knows Ray's errors.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os

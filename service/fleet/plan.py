@@ -1,7 +1,5 @@
 """What the steward wants of the fleet: which zones there are, and which shard runs each."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from service.config.site import Config

@@ -6,8 +6,6 @@ the pair. A shard that is added takes its share from all the others, one that is
 no other zone moves.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections import Counter
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The state of a fleet for people and for scripts."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ The fleet goes on without this process: one that is started again finds it. SIGT
 reads the configuration again.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import signal

@@ -1,7 +1,5 @@
 """The hours ahead of every zone, for the sinks: made beside the samples, and no sample waits for them."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import time

@@ -1,7 +1,5 @@
 """What a zone answers to questions: about its heating, about the room, and its linear model."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Rooms that share walls, simulated together: what each knows of its neighbours is what they forecast."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

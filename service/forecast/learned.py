@@ -1,7 +1,5 @@
 """Questions about what a zone has learned: its model, its parameters, and what its forecasts were worth."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 

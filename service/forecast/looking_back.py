@@ -1,7 +1,5 @@
 """Answers about a room that look back: how long warming up took, what an open window cost, why forecasts were wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from datetime import UTC, datetime
 

@@ -1,7 +1,5 @@
 """The grammar of plans: what is planned of an input, and its value in every period."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """A request for forecasts: what is asked, how much of it one request may ask, and mistakes in its plans."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

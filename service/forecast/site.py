@@ -1,7 +1,5 @@
 """Forecasts of zones under a plan: rooms that share walls are simulated together, then each zone is asked."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 from collections.abc import Mapping, Sequence

@@ -5,8 +5,6 @@ news: a client that reads too slowly misses events that a newer one has overtake
 written once for all clients of its zone.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress

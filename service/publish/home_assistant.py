@@ -3,8 +3,6 @@
 The entities are those of `home_assistant.toml`; here is which of them a zone has, and what is filled in.
 """
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Iterator, Mapping

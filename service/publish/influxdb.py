@@ -5,8 +5,6 @@ outputs, is a measurement of its own, `thermogate_forecast_outputs`. Nothing her
 for it in a thread of their own, MOST_WAITING bytes of them, and beyond that the oldest are dropped.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import re

@@ -5,8 +5,6 @@ then: the figures of every zone, which `metrics.toml` describes, and each `servi
 owner offers to `Metrics.register`.
 """
 
-from __future__ import annotations
-
 import platform
 import threading
 import tomllib

@@ -6,8 +6,6 @@ it to "offline" when the connection is lost. Nothing here waits for the broker: 
 and nothing else.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import threading

@@ -3,8 +3,6 @@
 One function for `check`, `learn` and `tg.fit`, which write the remedy in different places.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 

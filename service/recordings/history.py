@@ -1,7 +1,5 @@
 """What a recording holds of each zone, and what looks wrong with it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf
 from typing import NamedTuple

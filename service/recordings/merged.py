@@ -1,7 +1,5 @@
 """Recorded sources merged by their own clocks: how `thermogate replay` reads a configuration's telemetry."""
 
-from __future__ import annotations
-
 from collections.abc import AsyncIterator, Collection
 from math import inf, isfinite
 

@@ -1,7 +1,5 @@
 """The samples of recorded sources, zone by zone, as the daemon's own alignment makes them."""
 
-from __future__ import annotations
-
 import asyncio
 from collections import Counter
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """On whose behalf something is computed, and whether they still wait for it."""
 
-from __future__ import annotations
-
 import threading
 from contextvars import ContextVar
 

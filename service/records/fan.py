@@ -1,7 +1,5 @@
 """A forecast over several steps, as columns."""
 
-from __future__ import annotations
-
 from typing import Literal, NamedTuple
 
 from service.records.outlook import InputOrigin

@@ -1,7 +1,5 @@
 """What is known of the inputs to come: where each comes from, what may be planned, and the forecasts of the weather."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

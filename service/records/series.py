@@ -1,7 +1,5 @@
 """A stretch of a zone's history, thinned out for a chart."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How the forecasts of a zone have turned out."""
 
-from __future__ import annotations
-
 from typing import Literal, NamedTuple, Self
 
 from adapters.fields.durations import format_duration

@@ -3,8 +3,6 @@
 So did every version before; the names in JSON, and what JSON leaves out, are another matter.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Mapping
 from dataclasses import is_dataclass

@@ -1,7 +1,5 @@
 """How far a controller may rely on a zone's forecasts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from service.records.record import Time, hidden, record, shown

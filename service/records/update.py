@@ -1,7 +1,5 @@
 """An update: what one sample brought, from the score of its forecast to the next forecast."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal, NamedTuple
 

@@ -1,7 +1,5 @@
 """A zone as REST, metrics and the publisher see it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Protocol, TypeVar
 

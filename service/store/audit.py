@@ -5,8 +5,6 @@ or damaged later does not fit. Daemon and commands append to one file in the sta
 empty one when it is large.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import json

@@ -6,8 +6,6 @@ The checkpoints are taken before the journal, so the journal has every sample af
 bit from the moment at which the journal was taken.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

@@ -6,8 +6,6 @@ Beside the arrays it holds a header (format version, fingerprint, step, meta, an
 and a digest over all of them.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

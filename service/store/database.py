@@ -1,7 +1,5 @@
 """The tables of the journal, and what a database has to do for it, be it SQLite's or PostgreSQL's."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Sequence
 from typing import Any, ClassVar, Protocol, TypeVar

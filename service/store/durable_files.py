@@ -1,7 +1,5 @@
 """Files and folders that are still there after a power failure."""
 
-from __future__ import annotations
-
 import os
 import secrets
 from contextlib import suppress

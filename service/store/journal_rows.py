@@ -5,8 +5,6 @@ is begun with the link of the sample before it: neither a changed row nor a miss
 row has a CRC-32 of its own. Set-point and gain enter a checksum only where they have a value.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import struct

@@ -4,8 +4,6 @@ Both do blocking work, so every call hops off the event loop: the journal to a t
 caller's pool.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from abc import ABC, abstractmethod

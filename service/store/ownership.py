@@ -1,7 +1,5 @@
 """Folders that another account can change: whom to trust, and root at work where links may lie that lead anywhere."""
 
-from __future__ import annotations
-
 import errno
 import os
 import sqlite3

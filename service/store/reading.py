@@ -1,7 +1,5 @@
 """A state folder read and left as it is, whether a daemon runs on it or not."""
 
-from __future__ import annotations
-
 import logging
 import sqlite3
 from collections.abc import Iterator

@@ -6,8 +6,6 @@ time, which is an outage or a clock that was set wrong, nothing counts as old un
 what goes at once is a week at most, which the log tells.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from typing import NamedTuple

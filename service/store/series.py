@@ -1,7 +1,5 @@
 """History thinned out in the journal's thread: a year in a thousand points, without a year in memory."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

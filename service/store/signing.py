@@ -1,7 +1,5 @@
 """Signatures of backups: Ed25519, with keys in PEM files as `openssl genpkey -algorithm ed25519` makes them."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Callable
 from pathlib import Path

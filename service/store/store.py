@@ -1,7 +1,5 @@
 """The store of a daemon on one machine: a folder with the journal on SQLite and the checkpoints as files."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import logging

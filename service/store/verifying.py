@@ -1,7 +1,5 @@
 """Everything that is stored looked through: whether journal, checkpoints and backups are whole."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import NamedTuple

@@ -4,8 +4,6 @@ There is one header, `Authorization: Bearer tg_...`: every client can send it, a
 key in the URL would end up in logs and histories.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Mapping
 from http import HTTPStatus

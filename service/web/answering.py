@@ -1,7 +1,5 @@
 """How a route is declared, and what it answers with: a record as JSON, events, or that its zone has nothing to tell."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import AsyncIterator, Callable, Sequence
 from datetime import datetime

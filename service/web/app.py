@@ -1,7 +1,5 @@
 """The REST interface of the daemon, and the live page on top of it."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping

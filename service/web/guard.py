@@ -1,7 +1,5 @@
 """What every request has to pass and every answer carries: sizes, the host that is asked for, headers for browsers."""
 
-from __future__ import annotations
-
 import ipaddress
 from collections import Counter
 from collections.abc import Iterable

@@ -1,8 +1,6 @@
 """The history of a zone as JSON: read and written some rows at a time, so that a long one takes neither the journal
 from the zones, nor the interpreter from the event loop, nor much memory."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import nullcontext
 

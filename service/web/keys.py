@@ -4,8 +4,6 @@ A key is 256 random bits. What is stored is its SHA-256: nobody can search 2^256
 protects the passwords that people choose, would only make every request slower.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import hmac

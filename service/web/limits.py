@@ -1,7 +1,5 @@
 """What one client may take of the daemon: one table of limits, one limiter, and a bound on wrong keys."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 import time

@@ -1,7 +1,5 @@
 """What the HTTP server is asked and whom it turns away, as figures read at a scrape."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 

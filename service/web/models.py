@@ -1,7 +1,5 @@
 """What REST takes in, and the payloads that only REST has."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from datetime import datetime

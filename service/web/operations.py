@@ -1,7 +1,5 @@
 """The routes that run the daemon rather than use it: is it alive, are the zones fed, metrics, reload."""
 
-from __future__ import annotations
-
 import json
 import time
 from http import HTTPStatus

@@ -1,7 +1,5 @@
 """What a plan may say of an input in JSON, for one zone and for many."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 

@@ -1,7 +1,5 @@
 """Everything that goes wrong over REST, as application/problem+json (RFC 9457) in sentences."""
 
-from __future__ import annotations
-
 import re
 import reprlib
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The routes that take readings: who posts is told what became of them, after it is on disk."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import time

@@ -1,7 +1,5 @@
 """What the routes have behind them, and how a route takes the site and the zone that it is about."""
 
-from __future__ import annotations
-
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Annotated, NamedTuple
 

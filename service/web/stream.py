@@ -1,7 +1,5 @@
 """The route that keeps a connection open: a zone's events as they happen."""
 
-from __future__ import annotations
-
 from collections.abc import AsyncIterator
 from datetime import datetime
 from typing import Annotated

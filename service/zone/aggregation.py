@@ -1,7 +1,5 @@
 """How the readings of one channel in one grid interval become one value (paper 4.3.1)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from math import fsum
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Readings onto the uniform grid of a zone: intervals that close, and the samples that come of them (paper 4.3.1)."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from math import inf, isfinite, nan

@@ -4,8 +4,6 @@ The wall clock can be wrong (a machine without a battery starts in 1970 or 2000)
 machine sleeps. The steady clock is never set and counts from somewhere.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The state of a zone, and the one sentence that explains it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from service.zone.clock import implausible

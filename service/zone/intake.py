@@ -1,7 +1,5 @@
 """What a zone takes in: readings become samples, samples become durable and wait in the mailbox of its worker."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import time

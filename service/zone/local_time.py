@@ -1,7 +1,5 @@
 """Local time, weekends and public holidays of a site, for what people do every day at the same hours."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """The mailbox of a zone: bounded, in order, and never in the way of live telemetry."""
 
-from __future__ import annotations
-
 import asyncio
 from collections import deque
 from enum import Enum

@@ -1,7 +1,5 @@
 """What all zones of the daemon share."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor

@@ -4,8 +4,6 @@ A forecast over a week takes seconds. No client may keep the others waiting with
 for a client that has gone.
 """
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from collections import Counter

@@ -1,7 +1,5 @@
 """When a zone writes its checkpoints, what it begins with, and which of its failures are no sample's fault."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import zlib

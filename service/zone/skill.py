@@ -1,7 +1,5 @@
 """The skill of a zone, from what its loop has verified."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

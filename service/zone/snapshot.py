@@ -4,8 +4,6 @@ What comes back continues bit for bit: the estimator's arrays and the held input
 the worker (counters, the latest update) as JSON, in which a float reads back as the same float.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """Whether a zone keeps up with its telemetry: how late its forecasts are, and how often too late."""
 
-from __future__ import annotations
-
 import logging
 import time
 from math import inf

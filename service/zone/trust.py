@@ -10,8 +10,6 @@ worth, and not untrusted: that the heating was not foreseen is no fault that a p
 the temperature of the day before, no change, or a regression was the better forecast.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple

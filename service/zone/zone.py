@@ -8,8 +8,6 @@ zone waits. A sample on which the zone fails repeatedly is marked in the journal
 environment that fails.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import time

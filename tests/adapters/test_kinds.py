@@ -1,7 +1,5 @@
 """Every kind of source: its sample, what that amounts to, and its cases. A new kind brings them as data."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """No code of a bus that only reads names a verb that writes, or could make one up."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Live sources that are given other channels while they are at work: the connection and what is remembered stay."""
 
-from __future__ import annotations
-
 from contextlib import aclosing
 
 import pytest

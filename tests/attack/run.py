@@ -9,8 +9,6 @@ processors as well: on a machine with few of them, or a busy one, times are thos
 long the event loop was ready to run and got no processor: where that is much of "s", the machine was late.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -4,8 +4,6 @@ Each runs beside an honest publisher of the same source, whose zone may lose no 
 gave way.
 """
 
-from __future__ import annotations
-
 import gzip
 import json
 import multiprocessing

@@ -1,7 +1,5 @@
 """A live daemon under attack, and what it costs: answers of /healthz, the event loop, memory, live intervals."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import multiprocessing

@@ -1,7 +1,5 @@
 """Attacks over HTTP, none of them with a key. Each returns what it saw; AssertionError where something gave way."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

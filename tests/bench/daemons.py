@@ -4,8 +4,6 @@ One recording feeds every zone of a site: a row of all columns for each period. 
 it for all zones at once, at instants that follow each other without drift.
 """
 
-from __future__ import annotations
-
 import gc
 import json
 import os

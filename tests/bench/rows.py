@@ -1,7 +1,5 @@
 """A row of the bench, how much of everything a run measures, and times as a person reads them."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar

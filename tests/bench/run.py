@@ -6,8 +6,6 @@
 Each section is measured in a process of its own, which is neither slower nor larger for what another left behind.
 """
 
-from __future__ import annotations
-
 import argparse
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """Complete updates of the particle filter on building 67: how long, on two threads, and how the time grows."""
 
-from __future__ import annotations
-
 import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any

@@ -1,7 +1,5 @@
 """A real browser: Debian's chromium, driven by playwright. Without either, these tests are skipped with the reason."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack

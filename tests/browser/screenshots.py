@@ -5,8 +5,6 @@ browser that the tests use. CI runs it into a folder of its own, so that the pic
 made again.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -1,7 +1,5 @@
 """What the README promises of `make run`, on the real demo in a real browser."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

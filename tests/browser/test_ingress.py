@@ -1,7 +1,5 @@
 """The page within Home Assistant: in a frame, below a path of the Supervisor's, through the add-on's proxy."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from collections.abc import Iterator

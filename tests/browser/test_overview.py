@@ -1,7 +1,5 @@
 """The table of all rooms, in a real browser."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any

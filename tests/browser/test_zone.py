@@ -1,7 +1,5 @@
 """The view of one room, in a real browser."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What these tests share: the project as it is built, an example as a module, and a room that examples ask about."""
 
-from __future__ import annotations
-
 import importlib.util
 import shutil
 import subprocess

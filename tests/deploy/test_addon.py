@@ -1,7 +1,5 @@
 """The add-on for Home Assistant: its folder by the Supervisor's rules, and its start beside real peers."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

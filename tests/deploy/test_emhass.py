@@ -1,7 +1,5 @@
 """The example that hands a room on to EMHASS: its one mass, and what EMHASS itself plans with it."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

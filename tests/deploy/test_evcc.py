@@ -1,7 +1,5 @@
 """What the documentation tells evcc: the commands of the page, between a room and evcc's documented API."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The integration for Home Assistant, inside the real one: its own tests run there, against a daemon of ours."""
 
-from __future__ import annotations
-
 import csv
 import json
 import lzma

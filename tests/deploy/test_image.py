@@ -1,7 +1,5 @@
 """The image that buildah has built without an engine, started as its definition asks: `make image-test`."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

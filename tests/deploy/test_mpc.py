@@ -1,7 +1,5 @@
 """The example of a controller: what it plans, when it falls back, and that it works as its page says."""
 
-from __future__ import annotations
-
 import socket
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The example for Node-RED, run by a real Node-RED between a real broker and the daemon's own HTTP server."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

@@ -1,8 +1,6 @@
 """The files of deploy/ray: what Ray and the command line themselves make of what is in them, as far as that needs no
 cluster and no Kubernetes."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import tomllib

@@ -1,7 +1,5 @@
 """The installation as a service: upgraded, taken back and removed under another root, where nothing is started."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Source archive and wheel for a plant-room PC: the whole product, nothing that only a checkout needs, and it runs."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -5,8 +5,6 @@
 Prints one JSON object with how many positions were tried and how they went. An AssertionError says what does not hold.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import logging

@@ -4,8 +4,6 @@ A write is safe once its file was synced, a name (created, renamed, removed) onc
 may be there or not; a write may also be torn between two sectors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple

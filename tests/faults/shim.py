@@ -1,7 +1,5 @@
 """The failing file layer as tests use it: compiled, loaded into a process of its own, and controlled from there."""
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import os

@@ -5,8 +5,6 @@ run that nothing disturbs tells (`tests/service/store/test_contract.py` holds th
 is left and holds that everything up to the last finished step is there with the same bits, and nothing half.
 """
 
-from __future__ import annotations
-
 import asyncio
 import math
 import shutil

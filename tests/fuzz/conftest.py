@@ -1,7 +1,5 @@
 """A warning per input would fill memory: the tests of the adapters look at what is logged."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterator
 

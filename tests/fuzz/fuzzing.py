@@ -3,8 +3,6 @@
 A target fails by raising anything, in `make fuzz` also by taking SECONDS for an input.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import random

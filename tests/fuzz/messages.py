@@ -1,7 +1,5 @@
 """A message on its way through dating, stuck watch and edge to readings, and to what a person is shown."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -1,8 +1,6 @@
 """Requests that the OpenAPI document of a running daemon allows, and many that it does not: an answer as documented,
 and never a 5xx but the 503 of a zone that has no forecast."""
 
-from __future__ import annotations
-
 import atexit
 from functools import cache
 

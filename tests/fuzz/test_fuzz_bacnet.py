@@ -1,7 +1,5 @@
 """BACnet datagrams: whatever comes is counted or taken in, makes it send nothing but refusals, poisons no reading."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 from collections import Counter

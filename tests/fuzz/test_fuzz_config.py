@@ -1,7 +1,5 @@
 """Configurations: any file is read or refused in sentences, and what is read can be shown and read again."""
 
-from __future__ import annotations
-
 import copy
 import shutil
 import tomllib

@@ -5,8 +5,6 @@ Chunks, pipelined requests, and requests that are refused for their size all go 
 transport in memory.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import re

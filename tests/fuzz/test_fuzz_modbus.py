@@ -1,7 +1,5 @@
 """Register blocks: every pattern of every type is a number or a fault, through edge and probe."""
 
-from __future__ import annotations
-
 import math
 import struct
 from typing import Any

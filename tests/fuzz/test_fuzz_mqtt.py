@@ -1,8 +1,6 @@
 """MQTT: whatever a broker sends is a message or the end of the connection, and whatever a message holds is a reading, a
 fault, or nothing; a topic is sound or a sentence."""
 
-from __future__ import annotations
-
 import socket
 from contextlib import suppress
 from typing import Any

@@ -1,7 +1,5 @@
 """Payloads, posted bodies, SenML packs, JSON pointers, times: whatever comes is a value or a fault, in a sentence."""
 
-from __future__ import annotations
-
 import json
 import math
 from contextlib import suppress

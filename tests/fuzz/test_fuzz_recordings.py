@@ -1,7 +1,5 @@
 """Recorded files: whatever bytes they hold is read into readings and faults, or refused in sentences with its place."""
 
-from __future__ import annotations
-
 import asyncio
 import gzip
 import math

@@ -1,7 +1,5 @@
 """State on disk: rows of a journal that something else wrote are read, or refused in a sentence."""
 
-from __future__ import annotations
-
 import sqlite3
 from contextlib import closing
 

@@ -1,7 +1,5 @@
 """Readings of every kind through alignment and worker: forecasts stay finite, states too, and both recover."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The command line of the programs that measure or kill for longer than a test may take."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Callable

@@ -10,8 +10,6 @@ the history must hold each of them with the same bits; the whole history, the fo
 of a daemon on one machine that was never disturbed; and every reading whose post was answered must be known.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -10,8 +10,6 @@ must hold each entry of the ledger with the same bits. At the end, the whole his
 must be those of a daemon that was never killed.
 """
 
-from __future__ import annotations
-
 import random
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """The bench in its tiny size: it measures, and its figures reach the page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

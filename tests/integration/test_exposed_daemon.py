@@ -1,7 +1,5 @@
 """The daemon for other machines: refused until it has a key, and no secret gets out."""
 
-from __future__ import annotations
-
 import ssl
 import urllib.error
 import urllib.request

@@ -1,7 +1,5 @@
 """A fleet on two machines of a Ray cluster: served from both, and the same whatever happens to one of them."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

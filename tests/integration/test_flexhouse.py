@@ -1,7 +1,5 @@
 """Measured FlexHouse telemetry through `thermogate replay`: as sharp as documented."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

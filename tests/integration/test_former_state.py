@@ -5,8 +5,6 @@ killed with SIGKILL in mid-recording. Of its checkpoints the newest of each zone
 in the write-ahead log.
 """
 
-from __future__ import annotations
-
 import re
 import sqlite3
 import tarfile

@@ -1,7 +1,5 @@
 """The daemon on a disk that is full, or read-only: one sentence, nothing lost, and it goes on by itself."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The walkthrough of docs/home-assistant.md with Home Assistant itself: telemetry from it, and every zone in it."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import re

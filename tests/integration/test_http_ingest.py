@@ -1,7 +1,5 @@
 """The daemon fed over HTTP: what it has accepted is there after it was killed, and Telegraf's lines reach the zones."""
 
-from __future__ import annotations
-
 import json
 import time
 from contextlib import closing

@@ -1,7 +1,5 @@
 """The loop that `make kill-loop` runs for 500 kills, in small; and that it would notice a loss."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from integration.kill_loop import SCORES, ZONES, Loop

@@ -1,7 +1,5 @@
 """The daemon on live Modbus: forecasts, a sensor that goes stale, a device that goes away and comes back."""
 
-from __future__ import annotations
-
 import json
 import threading
 from datetime import datetime, timedelta

@@ -1,7 +1,5 @@
 """The daemon on live MQTT: one broker floods, sends nonsense, goes away and comes back; the other's zone goes on."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The daemon on live Zenoh: the example learns the simulated building, faults stay where they are, a probe."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from contextlib import ExitStack

@@ -1,7 +1,5 @@
 """A reload of the real daemon: what is the same goes on as if nothing had happened."""
 
-from __future__ import annotations
-
 import tomllib
 from datetime import datetime
 from pathlib import Path

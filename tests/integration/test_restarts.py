@@ -1,7 +1,5 @@
 """Stopped, killed, refused, backed up: a daemon in mid-replay goes on as if it had never stopped."""
 
-from __future__ import annotations
-
 import contextlib
 import http.client
 import re

@@ -1,7 +1,5 @@
 """`thermogate simulate-bms` as a process: it says where it is, serves, and stops when told to."""
 
-from __future__ import annotations
-
 import signal
 import socket
 

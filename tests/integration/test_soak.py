@@ -1,7 +1,5 @@
 """The soak on the real daemon, for a few seconds, and what is made of what it saw."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Nobody on Zenoh passes off a forecast or a reading for a true one, but who is allowed to: every party a process."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Every metric that a daemon has, without a daemon."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import SimpleNamespace

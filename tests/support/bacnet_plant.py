@@ -1,7 +1,5 @@
 """BACnet devices on loopback for tests: bacpypes3's own server, faults on demand, and a record of what was asked."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager

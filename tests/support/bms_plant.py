@@ -1,7 +1,5 @@
 """A simulated plant with a clock of one's own, its servers, and clients to look at it from outside."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager

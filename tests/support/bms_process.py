@@ -1,7 +1,5 @@
 """`thermogate simulate-bms` as a process, for tests to read, to break, and to point the daemon at."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from tempfile import TemporaryDirectory

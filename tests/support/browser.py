@@ -1,7 +1,5 @@
 """A real browser, waiting in a page, and what axe says of it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import time

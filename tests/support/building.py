@@ -1,7 +1,5 @@
 """A building of invented zones behind the real HTTP server, in a thread of its own: for tests with a real browser."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from collections.abc import Callable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """A campus for a fleet: rooms that read one recording, and one room that is posted to."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@ A file of mistakes has one table per case: `set` lists changes as those of --set
 stands for the folder of the configuration. `make golden` writes `says` anew.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import tomllib

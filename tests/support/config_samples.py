@@ -1,7 +1,5 @@
 """A sound two-zone configuration for the tests of configuration and command line to start from."""
 
-from __future__ import annotations
-
 import shutil
 import tomllib
 from pathlib import Path

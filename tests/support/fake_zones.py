@@ -1,7 +1,5 @@
 """Zones for the tests of REST, metrics and publisher: real networks, invented but plausible numbers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

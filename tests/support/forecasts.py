@@ -1,7 +1,5 @@
 """Forecasts of a worker or of an estimator, asked directly."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Processes that are forked from one which has imported the daemon: most of a start is importing."""
 
-from __future__ import annotations
-
 import atexit
 import multiprocessing
 import os

@@ -5,8 +5,6 @@ another way, so numbers may differ by a hundred-thousandth; THERMOGATE_GOLDEN=ex
 must not change a bit on the machine that wrote the files.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A site whose recording, seeds and clock never change: zones of several estimators that have learned from it."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager

@@ -1,7 +1,5 @@
 """The daemon as a process of its own, driven from tests over its public interfaces."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

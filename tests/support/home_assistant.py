@@ -1,7 +1,5 @@
 """Home Assistant itself, as a process of its own, set up and asked over its REST interface as its own pages do."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

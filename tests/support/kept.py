@@ -1,7 +1,5 @@
 """Where a store keeps what it has, for tests that hold the same of every store."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractContextManager, asynccontextmanager, closing

@@ -1,7 +1,5 @@
 """Compile the filters for every number of states that tests use, once: side by side, processes would each do so."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The demo as a visitor starts it."""
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Iterator

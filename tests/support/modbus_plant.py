@@ -1,7 +1,5 @@
 """A Modbus server on loopback for tests: registers per table, faults on demand, and a record of what was asked."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, contextmanager

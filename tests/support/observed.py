@@ -1,7 +1,5 @@
 """A daemon from outside: what it holds, how late its event loop is, and what REST clients wait for."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import random

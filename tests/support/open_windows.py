@@ -5,8 +5,6 @@ of the demo, which have learned for a fortnight before, and "living": its second
 5 min, without set-point, sun and neighbours, which learns during the first week.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import lzma

@@ -1,7 +1,5 @@
 """A PostgreSQL server as a process of its own, and connections to it that are cut where it matters."""
 
-from __future__ import annotations
-
 import os
 import pwd
 import select

@@ -1,7 +1,5 @@
 """Programs in processes of their own, each with what it says in a file."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """Publishers on Zenoh, opened as a configuration would."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from service.publish.zenoh import Publisher, ZenohConfig

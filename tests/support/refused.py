@@ -1,7 +1,5 @@
 """Requests that are refused, as rows of tests/service/web/refused.json: what is asked, and a part of each sentence."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

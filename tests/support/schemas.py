@@ -1,7 +1,5 @@
 """JSON held to the schema of the record or model that it is, and the models of a configuration."""
 
-from __future__ import annotations
-
 import json
 from types import SimpleNamespace
 from typing import Any, get_args

@@ -1,7 +1,5 @@
 """The owners of a site in PostgreSQL, and everything that one of them may write."""
 
-from __future__ import annotations
-
 import asyncio
 import itertools
 from collections.abc import Awaitable, Callable

@@ -1,7 +1,5 @@
 """Real zones behind the real routes, fed in a moment: rooms that have learned, some of them next door to each other."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor

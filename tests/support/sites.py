@@ -1,7 +1,5 @@
 """Configurations for daemons of tests: zones of the network `tite`, what they read, and a recording of rooms."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Mapping, Sequence

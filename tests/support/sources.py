@@ -1,7 +1,5 @@
 """Sources and their channels, built from tables as a configuration builds them."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import aclosing

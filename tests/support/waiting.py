@@ -1,7 +1,5 @@
 """Waiting for what happens elsewhere, for as long as even a very busy machine needs."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 import time

@@ -1,7 +1,5 @@
 """A web server on loopback that gives the answers it is told to."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer

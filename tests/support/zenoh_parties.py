@@ -3,8 +3,6 @@
 python -m support.zenoh_parties ROLE SETTINGS      SETTINGS: JSON of Zenoh's keys; what it prints first is its verdict
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The other side of a Zenoh source: sessions that publish on loopback, certificates, and a listener to batches."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import time

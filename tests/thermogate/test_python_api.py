@@ -1,7 +1,5 @@
 """`import thermogate as tg`: tables in, forecasts and what was learned out."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """What `fit` computes is what `thermogate replay` writes of the same data, bit for bit."""
 
-from __future__ import annotations
-
 import json
 from contextlib import nullcontext
 from pathlib import Path

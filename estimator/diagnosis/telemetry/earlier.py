@@ -1,7 +1,5 @@
 """What a zone had learned some days ago: to that it goes back when its telemetry turns out to have lied since."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 

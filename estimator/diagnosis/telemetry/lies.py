@@ -5,8 +5,6 @@ channel behaves as in the reference again, or until too little reference is left
 normal. All limits are multiples of what the reference has shown: a coarse or a noisy sensor is judged by itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 A sample is kept in the slot of its time, so that memory does not grow with time or with the rate of sampling.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

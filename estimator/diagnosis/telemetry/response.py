@@ -5,8 +5,6 @@ same room would leave other errors: the ratio of the two likelihoods, gathered a
 evidence for that. The reference says how much evidence comes about when nothing is wrong.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

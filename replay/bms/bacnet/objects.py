@@ -1,7 +1,5 @@
 """Where the channels of the plant are on BACnet: devices, objects, addresses and units, for people and for programs."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The simulated building as data: rooms in a row, each an air, envelope and heater node, walls between neighbours."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ The weather is a table of 52 weeks that begins again; the habits of a week are d
 from the seed alone.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """What switches the heat of a simulated room: a relay with hysteresis, or a valve under PI control."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

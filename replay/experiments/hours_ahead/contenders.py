@@ -1,7 +1,5 @@
 """Who makes forecasts: naive rules, direct regressions, and every estimator as a user gets it."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator
 from importlib.util import find_spec

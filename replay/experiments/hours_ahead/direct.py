@@ -6,8 +6,6 @@ before k; sine and cosine of the target's hour (UTC). Fitted anew every day to a
 that of its own errors that have come true in the last week.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`hours-ahead`: every contender on every recording, from the next step to the next day."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

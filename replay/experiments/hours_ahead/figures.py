@@ -1,7 +1,5 @@
 """The figures of a run: scores of its forecasts, and what it has learned against what a simulator knows."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Forecasts of a recording, row by row and horizon by horizon: when they are made, and the two that need no model."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """An estimator over a recording, as a run: its forecasts of the next step and of the hours ahead."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

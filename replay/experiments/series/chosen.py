@@ -1,7 +1,5 @@
 """The zone of a configuration that an experiment is about."""
 
-from __future__ import annotations
-
 from replay.errors import ReplayError
 from replay.experiments.request import Request
 from service.config.load import load

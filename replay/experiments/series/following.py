@@ -1,7 +1,5 @@
 """What a network with frozen parameters says of a recording, led by its measurements."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import solve_discrete_are
 

@@ -1,7 +1,5 @@
 """Offline least squares as a run of an experiment: the static baseline beside the online estimators (3.3.3)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple

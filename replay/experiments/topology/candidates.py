@@ -1,7 +1,5 @@
 """The paper's candidate networks M1-M8 (Table 2), for the Ecolar zone and for the channels of any other."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import product

@@ -1,7 +1,5 @@
 """The recordings that candidates are fitted to: the user's own zone, or what the laboratory has of Ecolar Home."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from adapters.csv.config import CsvConfig

@@ -1,7 +1,5 @@
 """`topology`: which RC network to take for a zone, by open-loop least squares (paper 4.3.3, Tables 2 and 3)."""
 
-from __future__ import annotations
-
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.request import Request
 from replay.experiments.study import Figures, Results, Study

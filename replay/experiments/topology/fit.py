@@ -1,7 +1,5 @@
 """Fit of one candidate network to a recording, and what its open-loop residuals say (paper 4.3.3)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

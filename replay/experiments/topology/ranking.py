@@ -1,7 +1,5 @@
 """Which of the fitted candidates to take: the simplest of those that are about as accurate as the best."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

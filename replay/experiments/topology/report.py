@@ -1,7 +1,5 @@
 """What the topology experiment says: which network to take and why, in words for the engineer of the building."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 

@@ -1,7 +1,5 @@
 """The network that was found as a table of the configuration, tried by the rules of `thermogate check`."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Mapping, Sequence

@@ -5,8 +5,6 @@ Rooms and what is known of them are in `first_days.toml`. Every contender foreca
 after the recording does.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files

@@ -4,8 +4,6 @@ Rooms of EnergyPlus with people, whose rows lie for four days after ten true one
 hangs on the telemetry alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from datetime import date
 from typing import NamedTuple

@@ -4,8 +4,6 @@ Buildings of EnergyPlus under relays. After two weeks each room is asked at midn
 time with probability PROBABILITY, and the building then lives with that start.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

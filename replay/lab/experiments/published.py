@@ -1,7 +1,5 @@
 """The published numbers of `published.toml`."""
 
-from __future__ import annotations
-
 import tomllib
 from importlib.resources import files
 from typing import Any

@@ -3,8 +3,6 @@
 A new one is a function from the folder of --data to a `Recording`, and one line in `RECORDINGS`.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from datetime import date

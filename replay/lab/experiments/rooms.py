@@ -3,8 +3,6 @@
 `rooms.toml` has them as data; docs/benchmark.md says what their columns are.
 """
 
-from __future__ import annotations
-
 import csv
 import tomllib
 from collections.abc import Iterator, Mapping

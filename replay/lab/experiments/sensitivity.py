@@ -1,7 +1,5 @@
 """`sensitivity`: what the settings of the particle filter do on the semi-synthetic building (5.1.5)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from replay.experiments.request import Request

@@ -5,8 +5,6 @@ paragraph that begins with `[[name]]` is the place of the table or plot of that 
 and the lines below are the note.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from importlib.resources import files

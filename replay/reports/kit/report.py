@@ -1,7 +1,5 @@
 """A report: tables as CSV, and one HTML page that needs nothing beside itself."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from html import escape

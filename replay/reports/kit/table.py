@@ -1,7 +1,5 @@
 """Result tables, as CSV in full, and rounded as HTML."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

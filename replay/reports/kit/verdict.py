@@ -1,7 +1,5 @@
 """Targets, and whether what came out meets them: always computed from the results."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple

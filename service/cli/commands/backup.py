@@ -1,7 +1,5 @@
 """`thermogate backup`: what is kept of a site, in one file."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

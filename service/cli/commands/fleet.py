@@ -1,7 +1,5 @@
 """`thermogate fleet`: the zones of a site spread over a Ray cluster."""
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 from functools import partial

@@ -1,7 +1,5 @@
 """`thermogate health`: asks a running daemon how it is, for monitoring plugins, containers and people."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import ssl

@@ -1,7 +1,5 @@
 """`thermogate networks`: the network presets."""
 
-from __future__ import annotations
-
 import argparse
 
 from service.cli.arguments import AddCommand

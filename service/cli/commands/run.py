@@ -1,7 +1,5 @@
 """`thermogate run`: the daemon."""
 
-from __future__ import annotations
-
 import argparse
 from functools import partial
 

@@ -1,7 +1,5 @@
 """`thermogate show-config`: the effective configuration."""
 
-from __future__ import annotations
-
 import argparse
 
 from service.cli.arguments import AddCommand, load_config, take_config

@@ -1,7 +1,5 @@
 """`thermogate verify`: whether a state folder or a backup is whole."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What each source brings, split by zone, aligned and accepted; its failures retried. And the wall clock."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import random

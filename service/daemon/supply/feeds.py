@@ -1,7 +1,5 @@
 """Sources at work: for each, the task that delivers what it brings, and what is counted of it."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace

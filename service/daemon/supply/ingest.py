@@ -1,7 +1,5 @@
 """Readings that clients post: to every source that is posted to, and an answer that can be relied on."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import time

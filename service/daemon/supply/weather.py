@@ -1,7 +1,5 @@
 """Forecasts of the weather at work: for each source, the task that keeps the newest one in the book."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 

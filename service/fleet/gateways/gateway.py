@@ -1,7 +1,5 @@
 """A gateway: the whole REST API of every zone, on one machine of the cluster."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """What clients post, on its way from a gateway to the shards whose zones ask for it."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Mapping, Sequence
 from http import HTTPStatus

@@ -1,7 +1,5 @@
 """The metrics of a whole fleet in one exposition: those of every shard, with its name as a label."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable, Iterable, Mapping, Sequence
 

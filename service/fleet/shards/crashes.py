@@ -6,8 +6,6 @@ ended at it before, and struck out afterwards; what is noted at a start was at w
 that took MOST processes with it is passed over.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import os

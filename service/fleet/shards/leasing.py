@@ -4,8 +4,6 @@ The database refuses what an earlier owner writes. What is published it does not
 which goes on while the process is stopped, tells whether the lease still holds.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import threading

@@ -1,7 +1,5 @@
 """What the zones of a shard announce, kept for the gateways until they ask for it."""
 
-from __future__ import annotations
-
 import asyncio
 import secrets
 import threading

@@ -1,7 +1,5 @@
 """Checkpoints of a shard's zones in PostgreSQL: the same bytes as the files beside SQLite."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from collections.abc import Callable, Iterator

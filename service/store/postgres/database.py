@@ -1,7 +1,5 @@
 """A connection to the tables of a site, made again when it breaks, and the errors of PostgreSQL in sentences."""
 
-from __future__ import annotations
-
 import logging
 import time
 import zlib

@@ -6,8 +6,6 @@ locks the key of the lease until it ends, so that nobody can take that in the mi
 zone leaves its lease only by the hand of its owner, or after the lease has been taken.
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Collection

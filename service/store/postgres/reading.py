@@ -1,7 +1,5 @@
 """The state of a site in PostgreSQL read and left as it is, whether a fleet runs on it or not."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 

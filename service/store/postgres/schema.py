@@ -1,7 +1,5 @@
 """The tables of a site: those of the journal, with the lease of every zone, and the checkpoints."""
 
-from __future__ import annotations
-
 import logging
 import zlib
 from importlib.metadata import version

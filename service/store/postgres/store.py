@@ -1,7 +1,5 @@
 """The store of one shard: its zones' part of the database, written to under its lease."""
 
-from __future__ import annotations
-
 from service.records.measures import Measure, single
 from service.store.journal import Journal
 from service.store.journalling import JournalStore

@@ -1,7 +1,5 @@
 """Forecasts of many zones as records, and models as NumPy's npz."""
 
-from __future__ import annotations
-
 import io
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Questions about heating: GET /zones/{zone}/preheat, and POST .../demand, .../what-if and /demand."""
 
-from __future__ import annotations
-
 import asyncio
 from datetime import UTC
 from http import HTTPStatus

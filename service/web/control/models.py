@@ -1,7 +1,5 @@
 """What a controller sends, and the payloads that it gets."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, Field

@@ -1,7 +1,5 @@
 """GET /zones/{zone}/model and /trust, and POST /forecasts."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Sequence
 from contextlib import nullcontext

@@ -1,7 +1,5 @@
 """The pages for people: the live view at / and the API's documentation at /docs, both without anything from outside."""
 
-from __future__ import annotations
-
 from importlib.metadata import version
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What the page is sent."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from service.records.record import Number, Time, constant, record, shown

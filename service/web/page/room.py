@@ -1,7 +1,5 @@
 """The route that the page of a room opens with: how it does, what it is like, and what to do."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """The route for charts: any stretch of a zone's history in a bounded number of points."""
 
-from __future__ import annotations
-
 import math
 from datetime import UTC, datetime
 from typing import Annotated

@@ -1,7 +1,5 @@
 """The bodies of requests: taken in where a route reads them, whole, and within bounds."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections import Counter

@@ -1,7 +1,5 @@
 """One HTTP connection: uvicorn's, with bounds on what a slow or greedy client may take."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import math

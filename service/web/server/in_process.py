@@ -1,7 +1,5 @@
 """A request to an ASGI application in the same process: no socket between the two."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from http import HTTPStatus
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The socket that REST is served on: an address of the network, or a file."""
 
-from __future__ import annotations
-
 import os
 import socket
 import stat

@@ -1,7 +1,5 @@
 """Whom a connection comes from."""
 
-from __future__ import annotations
-
 import ipaddress
 
 from starlette.types import Scope as Connection

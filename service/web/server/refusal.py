@@ -1,7 +1,5 @@
 """A request that is answered with a problem and nothing else: application/problem+json (RFC 9457)."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from http import HTTPStatus

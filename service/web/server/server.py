@@ -1,7 +1,5 @@
 """uvicorn inside the daemon's own event loop, with a count of connections in front."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import errno

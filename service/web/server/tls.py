@@ -1,7 +1,5 @@
 """The certificate that REST is served with: loaded, checked, followed when it is renewed."""
 
-from __future__ import annotations
-
 import logging
 import math
 import ssl

@@ -1,7 +1,5 @@
 """The inputs of the steps to come, where no plan says: by a forecast of the weather, by yesterday's shape, or held."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from adapters.reading import Quality

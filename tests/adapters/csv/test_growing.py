@@ -1,7 +1,5 @@
 """A recording that somebody else goes on writing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Quotes that are not closed and lines without an end: they cost their own row, or are refused, and take no memory."""
 
-from __future__ import annotations
-
 import gzip
 import tracemalloc
 from pathlib import Path

@@ -1,7 +1,5 @@
 """From posted values to readings: who is meant, when it was, what is refused."""
 
-from __future__ import annotations
-
 import asyncio
 from math import inf
 from typing import Any

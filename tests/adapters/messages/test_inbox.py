@@ -1,7 +1,5 @@
 """What waits between a client library and the event loop: bounded in number and bytes, read in turns, and fair."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

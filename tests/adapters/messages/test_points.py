@@ -1,7 +1,5 @@
 """From samples to readings: what was had before, what a wrong clock has dated, and what a broker had kept."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What every source of subscriptions promises, over a real broker and a real session."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import logging

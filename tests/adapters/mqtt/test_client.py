@@ -1,7 +1,5 @@
 """The connection to a broker: what is left of it when nobody waits for it any more."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 

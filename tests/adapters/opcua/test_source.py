@@ -1,7 +1,5 @@
 """The OPC UA adapters against servers: asyncua's own, and node-opcua where it is installed."""
 
-from __future__ import annotations
-
 import asyncio
 import subprocess
 import threading

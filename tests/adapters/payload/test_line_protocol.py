@@ -1,7 +1,5 @@
 """Line protocol: the documented examples, what is escaped, and the same as a parser of somebody else's."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Forecasts of the weather from files, an address and Zenoh: read, read anew, and refused in one sentence."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

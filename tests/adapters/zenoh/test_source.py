@@ -1,7 +1,5 @@
 """The Zenoh source against real sessions on loopback."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import socket

@@ -1,7 +1,5 @@
 """The integration inside Home Assistant, against the daemon of test_home_assistant.py, whose environment runs this."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

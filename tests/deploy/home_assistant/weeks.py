@@ -1,7 +1,5 @@
 """A documented rule over weeks that were recorded: the environment names the rule, the record and where alarms go."""
 
-from __future__ import annotations
-
 import csv
 import json
 import lzma

@@ -1,7 +1,5 @@
 """The plant on BACnet/IP, read by the daemon's own source, with and without faults."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import aclosing

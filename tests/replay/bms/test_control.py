@@ -1,7 +1,5 @@
 """The control surface: the truth, and faults on and off at run time."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

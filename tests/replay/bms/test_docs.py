@@ -1,7 +1,5 @@
 """docs/simulate-bms.md says what the simulated BMS does: its examples run, its tables are those in force."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

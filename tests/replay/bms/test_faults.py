@@ -1,7 +1,5 @@
 """The fault menu: what is asked for, and the sentences for what the plant cannot have."""
 
-from __future__ import annotations
-
 import pytest
 from support.bms_plant import Clock, simulation
 

@@ -1,7 +1,5 @@
 """The demo's building: its rooms have learned what it has lived when the daemon comes."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path

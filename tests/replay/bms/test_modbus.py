@@ -1,7 +1,5 @@
 """The Modbus server, seen by a client that is not ours: values that live, and every fault of the menu."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 import struct

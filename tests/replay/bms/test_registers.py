@@ -1,7 +1,5 @@
 """What the registers hold, against bytes written out by hand and an independent decoder."""
 
-from __future__ import annotations
-
 import math
 import struct
 

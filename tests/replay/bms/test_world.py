@@ -1,7 +1,5 @@
 """The simulated building: its physics against an independent solution, its thermostats, and that a seed is enough."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.integrate import solve_ivp
 

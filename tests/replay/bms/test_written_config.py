@@ -1,7 +1,5 @@
 """The configuration that reads the building: it is right, exact at any pace, and has the truth within its bounds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

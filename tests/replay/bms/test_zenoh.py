@@ -1,7 +1,5 @@
 """What the BMS puts on Zenoh, received by a session of its own."""
 
-from __future__ import annotations
-
 import json
 import math
 import time

@@ -1,7 +1,5 @@
 """docs/energyplus.md says what there is: its tables are those of the code, and its example runs."""
 
-from __future__ import annotations
-
 import re
 
 from support.energyplus import needs_energyplus

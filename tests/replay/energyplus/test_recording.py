@@ -1,7 +1,5 @@
 """Recordings of EnergyPlus buildings: reproducible rows, files that replay, a heat loss that the rows bear out."""
 
-from __future__ import annotations
-
 import json
 from datetime import date
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Hidden temperatures that follow a measurement."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimator.network import presets

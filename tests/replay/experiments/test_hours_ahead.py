@@ -1,7 +1,5 @@
 """Forecasts of the hours ahead: their scores against naive ones, and the experiment in short."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

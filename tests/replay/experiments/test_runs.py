@@ -1,7 +1,5 @@
 """Runs of an experiment: known again, kept, gone on with, spread over processes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

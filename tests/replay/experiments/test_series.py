@@ -1,7 +1,5 @@
 """What every experiment rests on: the loop over a series, recordings as series, nights, scores of a run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

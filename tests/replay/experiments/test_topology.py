@@ -1,7 +1,5 @@
 """Pieces, split, scores, ranking, and the configuration that comes out."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

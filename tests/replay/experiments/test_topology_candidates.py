@@ -1,7 +1,5 @@
 """M1-M8 for the Ecolar zone and for whatever channels a zone has."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """What a reader gets of an experiment: tables in three forms, verdicts, one page that needs nothing else."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

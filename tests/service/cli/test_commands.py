@@ -5,8 +5,6 @@ code unless it is 0, the output, and after a `!` each line of complaint. Of `che
 pass there is only what these change: lines that go with a `-`, lines that come with a `+`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import difflib
 import io

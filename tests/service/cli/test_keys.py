@@ -1,7 +1,5 @@
 """`thermogate keys` as an operator uses it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

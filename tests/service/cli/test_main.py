@@ -1,7 +1,5 @@
 """The command line: arguments, exit codes, and what an operator reads when something is wrong."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

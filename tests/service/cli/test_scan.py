@@ -1,7 +1,5 @@
 """`thermogate probe --scan`: what devices have, listed before there are any zones."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

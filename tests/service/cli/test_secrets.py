@@ -1,7 +1,5 @@
 """The configuration has no place for a secret, only for where secrets are; and a misplaced one is not shown."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from copy import deepcopy

@@ -1,7 +1,5 @@
 """`network = "auto"`, which follows from the channels, and bounds that follow from the floor area."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Every example configuration passes its check."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The configuration as a daemon keeps it beside its state, which is also what `show-config` prints."""
 
-from __future__ import annotations
-
 import shutil
 import stat
 from pathlib import Path

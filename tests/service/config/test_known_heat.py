@@ -1,7 +1,5 @@
 """Sun and habits as a zone's table and the site say, and what a zone has of them that says nothing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a sound configuration becomes: defaults, durations, absolute paths, sources."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Every mistake in a configuration is said in one sentence, with its exact place and a remedy."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

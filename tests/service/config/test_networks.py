@@ -1,7 +1,5 @@
 """From the network table of a zone to the estimator's network."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

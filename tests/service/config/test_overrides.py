@@ -1,7 +1,5 @@
 """`--set dotted.key=value`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Which estimator a zone has that names none: the default, or the one that its state belongs to."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a configuration says of a zone's inputs: limits, neighbours, and forecasts of the weather."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What `thermogate check` and the log warn of, and start nevertheless."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What `check` and `run` say to a daemon that others could reach."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

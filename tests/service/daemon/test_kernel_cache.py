@@ -1,7 +1,5 @@
 """A cache of compiled kernels that is damaged, or cannot be written: kernels are compiled, and one sentence says so."""
 
-from __future__ import annotations
-
 import errno
 import importlib.util
 import itertools

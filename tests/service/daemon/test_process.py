@@ -1,7 +1,5 @@
 """What a process of ours is set to before it computes."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

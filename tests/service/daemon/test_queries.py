@@ -1,7 +1,5 @@
 """Questions on Zenoh, asked by a second session on loopback: the answers of REST."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import threading

@@ -1,7 +1,5 @@
 """Zones and sources as the daemon starts, stops and starts them again, without the process around them."""
 
-from __future__ import annotations
-
 import asyncio
 from datetime import timedelta
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Whoever brings down its process again and again is found, and nobody else."""
 
-from __future__ import annotations
-
 import errno
 import json
 import logging

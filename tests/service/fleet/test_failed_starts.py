@@ -1,7 +1,5 @@
 """A shard whose start fails leaves nothing behind that stands against the next one."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import threading

@@ -1,7 +1,5 @@
 """What a gateway asks a shard: nothing is computed for a client that has gone, and errors are those of the zone."""
 
-from __future__ import annotations
-
 import asyncio
 import pickle
 import threading

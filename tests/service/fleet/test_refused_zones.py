@@ -1,7 +1,5 @@
 """Zones that a shard cannot run are refused one by one, and held by nobody."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Zones on shards: evenly, always the same, and as few moves as there can be."""
 
-from __future__ import annotations
-
 from collections import Counter
 from math import sqrt
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`thermogate fleet run`: every member that is wanted is there, one that hangs is ended, and none outlasts a stop."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal

@@ -1,7 +1,5 @@
 """The engine behind every forecast: one zone, and rooms next door to each other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.forecasts import fan_of, question

@@ -1,7 +1,5 @@
 """Sun and habits in what a zone tells a controller: its matrices, its coupled simulation and its coefficients."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.forecasts import mean_path

@@ -1,7 +1,5 @@
 """What an open window cost, and why the forecasts of the last day were wrong."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The answers that page and report open with, against a house whose truth is known."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

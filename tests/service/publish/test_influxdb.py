@@ -1,7 +1,5 @@
 """What zones announce as line protocol: read by another parser, and by a real InfluxDB."""
 
-from __future__ import annotations
-
 import json
 import logging
 import socket

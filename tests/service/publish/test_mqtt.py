@@ -1,7 +1,5 @@
 """The publisher on MQTT, heard by clients of a real broker."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Payloads are strict JSON that gives back the very numbers that went in."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The tables of the sinks in a configuration: mistakes are sentences, and without a table nothing is opened."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The publisher, heard by a second Zenoh session on loopback."""
 
-from __future__ import annotations
-
 import json
 import socket
 import subprocess

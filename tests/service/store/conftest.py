@@ -1,7 +1,5 @@
 """Every store there is: tests that take it are run over each."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

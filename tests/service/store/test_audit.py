@@ -1,7 +1,5 @@
 """The audit trail: chained lines, whoever writes them."""
 
-from __future__ import annotations
-
 import json
 import logging
 from pathlib import Path

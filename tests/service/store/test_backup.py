@@ -1,7 +1,5 @@
 """A backup is whole or not at all, and what is restored goes on with the same bits."""
 
-from __future__ import annotations
-
 import asyncio
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """Checkpoints survive crashes, damage and changed configurations."""
 
-from __future__ import annotations
-
 import errno
 import io
 import json

@@ -1,7 +1,5 @@
 """What every store promises, held by each of them: SQLite in a folder, and PostgreSQL."""
 
-from __future__ import annotations
-
 import asyncio
 from math import inf
 from pathlib import Path

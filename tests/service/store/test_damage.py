@@ -1,7 +1,5 @@
 """Damaged and truncated files of every kind: a start heals, or says in one sentence what is wrong; it never lies."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os

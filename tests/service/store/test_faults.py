@@ -3,8 +3,6 @@
 Of a workload's operations every fourth has its turn here; `make faults` tries them all.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Two owners: what was one's is the other's now, and nothing that the first one still sends is written."""
 
-from __future__ import annotations
-
 import asyncio
 import re
 import threading

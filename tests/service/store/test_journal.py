@@ -1,7 +1,5 @@
 """The journal: durable, bit-exact, and plain about what is wrong with it."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing

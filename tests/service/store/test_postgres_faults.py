@@ -1,8 +1,6 @@
 """A database that goes away, stands still, is full or may not be written to: nothing lost, nothing doubled, and it goes
 on afterwards."""
 
-from __future__ import annotations
-
 import asyncio
 import itertools
 import logging

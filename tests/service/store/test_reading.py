@@ -1,7 +1,5 @@
 """State read beside its owner and left as it is: a folder, and the database of a fleet."""
 
-from __future__ import annotations
-
 import errno
 import os
 import sqlite3

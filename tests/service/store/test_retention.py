@@ -1,7 +1,5 @@
 """The journal keeps what its limits allow, never less than a start needs, and gives the space back to the disk."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Iterator
 from contextlib import closing

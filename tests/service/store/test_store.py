@@ -1,7 +1,5 @@
 """The store of a folder: who may look into it, and that it accepts nothing that would be lost."""
 
-from __future__ import annotations
-
 import asyncio
 import errno
 import os

@@ -1,7 +1,5 @@
 """A state folder and a backup are looked through as a whole."""
 
-from __future__ import annotations
-
 import asyncio
 import sqlite3
 from contextlib import closing

@@ -1,7 +1,5 @@
 """Who may ask what: every route with no key, a wrong one, and each kind of right one."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 from pathlib import Path

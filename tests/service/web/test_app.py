@@ -1,7 +1,5 @@
 """Health, metrics, errors of the framework, documentation and pages."""
 
-from __future__ import annotations
-
 import asyncio
 import re
 import sys

@@ -1,7 +1,5 @@
 """What one request may have in it, and how much of what is wrong with it is told."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from typing import Any

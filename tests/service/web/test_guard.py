@@ -1,7 +1,5 @@
 """Headers for browsers, and the hosts that are answered for."""
 
-from __future__ import annotations
-
 import pytest
 from fastapi import FastAPI
 from support.http_client import get, problem

@@ -1,7 +1,5 @@
 """Questions about heating over REST: when to start, how much, what another plan changes; and what is refused."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Long histories: page by page, the same answer as in one piece, and few of them at a time."""
 
-from __future__ import annotations
-
 import asyncio
 from typing import Any
 

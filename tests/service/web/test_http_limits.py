@@ -1,7 +1,5 @@
 """The real server against clients that are slow, greedy, deaf or do not speak HTTP."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 import time

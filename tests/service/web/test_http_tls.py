@@ -1,7 +1,5 @@
 """The real server with TLS: who gets through, and what becomes of those who do not finish their handshake."""
 
-from __future__ import annotations
-
 import asyncio
 import ssl
 from pathlib import Path

@@ -1,7 +1,5 @@
 """API keys in their file, and how a running daemon follows it."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import json

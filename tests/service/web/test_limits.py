@@ -1,7 +1,5 @@
 """How many streams there may be."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator
 from pathlib import Path

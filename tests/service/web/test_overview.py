@@ -1,7 +1,5 @@
 """The routes behind the page: all zones at a glance, their stream, and history in buckets."""
 
-from __future__ import annotations
-
 import asyncio
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Posting readings over REST: who may, what is read, and what is refused before it is looked at."""
 
-from __future__ import annotations
-
 import asyncio
 import gzip
 import json

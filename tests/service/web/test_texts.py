@@ -1,7 +1,5 @@
 """What the page says: complete in both languages, and nothing that no script asks for."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

@@ -1,7 +1,5 @@
 """The certificate of the server: what is refused, and what becomes of a renewed one."""
 
-from __future__ import annotations
-
 import logging
 import ssl
 from datetime import UTC, datetime, timedelta

@@ -1,7 +1,5 @@
 """The routes under /zones."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Local hours, daylight saving time, weekends and public holidays."""
 
-from __future__ import annotations
-
 import sys
 from datetime import datetime
 from zoneinfo import ZoneInfo

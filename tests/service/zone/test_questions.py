@@ -1,7 +1,5 @@
 """Questions of many clients: fair shares, bounds, and nothing computed for clients that have gone."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from collections.abc import AsyncIterator, Callable

@@ -1,7 +1,5 @@
 """Readings that a zone is handed while somebody waits: accepted once, durable, and recalled after a start."""
 
-from __future__ import annotations
-
 import asyncio
 from collections import Counter
 from math import isnan

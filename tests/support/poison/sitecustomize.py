@@ -3,8 +3,6 @@
 Python imports this by itself where the folder is in PYTHONPATH.
 """
 
-from __future__ import annotations
-
 import builtins
 import os
 import signal

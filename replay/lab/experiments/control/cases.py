@@ -1,7 +1,5 @@
 """What happens to a building while it is controlled, what heat costs, and how warm it has to be."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Who heats: a thermostat with night setback, and planners over Thermogate's REST."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any

@@ -1,7 +1,5 @@
 """`deploy/examples/mpc.py`, the controller that customers are given: this experiment is one of them."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from functools import lru_cache

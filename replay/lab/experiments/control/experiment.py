@@ -1,7 +1,5 @@
 """`control`: buildings of EnergyPlus in four cases, each under every controller."""
 
-from __future__ import annotations
-
 from replay.energyplus.buildings import building_named
 from replay.energyplus.library import library
 from replay.errors import ReplayError

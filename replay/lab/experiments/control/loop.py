@@ -1,7 +1,5 @@
 """The closed loop: a building of EnergyPlus, its thermometers, and a controller."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from datetime import date
 from typing import NamedTuple

@@ -6,8 +6,6 @@ the difference that they make. So the planner knows weather, people, windows and
 its correction misses, because a building is not quite linear, the next pass knows.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import toeplitz
 

@@ -1,7 +1,5 @@
 """The report of the control experiment."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

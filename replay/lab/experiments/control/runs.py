@@ -1,7 +1,5 @@
 """One controller in one scene, as a job."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What a controlled period cost, and how comfortable it was."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Thermogate over the rooms of a building: its zones as the daemon runs them, and its REST application."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import tempfile

@@ -1,7 +1,5 @@
 """`ecolar`: a real zone, where no truth is known (5.2): Ecolar Home's recordings, or synthetic stand-ins for them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import numpy as np

@@ -4,8 +4,6 @@ Every model starts a night from the same kind of state: that of a Kalman filter 
 day before. So no estimator gains by states of its own, and least squares, which has none, takes part.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Synthetic stand-ins for Ecolar's recordings, read back from a file as real ones would be."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """The semi-synthetic building: its data by seed, as estimators take them, and the truth to which a run is held."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 

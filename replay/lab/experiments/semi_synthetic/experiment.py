@@ -1,7 +1,5 @@
 """`semi-synthetic`: a simulated building whose truth is known, with heat gains that no estimator is told of (5.1)."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Mapping

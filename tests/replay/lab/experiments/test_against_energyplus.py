@@ -1,7 +1,5 @@
 """What estimators have learned, against what a simulator knows."""
 
-from __future__ import annotations
-
 import importlib.util
 import logging
 

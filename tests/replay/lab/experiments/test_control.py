@@ -1,7 +1,5 @@
 """The closed loop in short: two days of a timber house, and the parts of which its judgement is made."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

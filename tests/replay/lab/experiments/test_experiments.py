@@ -1,7 +1,5 @@
 """Every experiment in short: few particles, few days, from the command line to its report."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The first days of rooms that are released one after another, on small files of the benchmark's layout."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 

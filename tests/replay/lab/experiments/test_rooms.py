@@ -1,7 +1,5 @@
 """Readers of measured rooms, on small files of the same layout."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Forecasts of the weather at work: a source that fails is tried again, and says once that it works again."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import AsyncIterator
 from types import SimpleNamespace

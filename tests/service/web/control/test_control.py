@@ -1,7 +1,5 @@
 """What a controller asks over REST: models, trust, and forecasts of many zones under many plans."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 
