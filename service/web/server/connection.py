@@ -248,6 +248,8 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
             sentence = str(error)
         elif status == HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE:
             sentence = "the headers, or the line before a chunk, are too long"
+        elif status == HTTPStatus.NOT_IMPLEMENTED:
+            sentence = "the only Transfer-Encoding that is read is chunked"
         self._refuse(status, sentence)
 
     def _refuse(self, status: HTTPStatus, detail: str) -> None:

@@ -208,6 +208,7 @@ REFUSED = {
     "a chunk of less than nothing": (CHUNKED + b"-1\r\n", 400),
     "a long line before a chunk": (CHUNKED + b"1" * 2000, 431),
     "length and chunks": (CHUNKED.replace(b"Transfer", b"Content-Length: 4\r\nTransfer") + b"0\r\n\r\n", 400),
+    "another coding than chunks": (CHUNKED.replace(b"chunked", b"gzip"), 501),
     "chunks in HTTP/1.0": (CHUNKED.replace(b"1.1", b"1.0") + b"0\r\n\r\n", 400),
     "many headers in one piece": (b"GET /" + HOST + b"a: b\r\n" * 1000 + b"\r\n", 431),
     "long path": (b"GET /" + b"x" * 300 + HOST + b"\r\n", 414),
