@@ -383,11 +383,13 @@ def decide_together(
     prices: Callable[[int], Sequence[float]] = lambda steps: [0.3] * steps,
     known: Known = nothing_known,
     plant: Plant = DIRECT,
+    reserved: float = 0.0,
 ) -> list[Decision]:
     """What `decide` says of each of `rooms`, which have one `plant` and steps of the same length.
 
-    Prices are per kWh that the plant takes. Where it cannot heat all, rooms that a thermostat heats come first, the
-    coldest before the others, and the plan of the others keeps to what is left for an hour, then to the limit.
+    Prices are per kWh that the plant takes. Where it cannot heat all, `reserved` W of heat for rooms that are not
+    decided here come first, then rooms that a thermostat heats, the coldest before the others, and the plan of the
+    others keeps to what is left for an hour, then to the limit.
     """
     found: dict[int, Decision] = {}
     views: dict[int, View] = {}
@@ -417,7 +419,7 @@ def decide_together(
                     looks[place] = around(ask, own, asked[place], beside(known, own.zone, others))
                 except FAILURES as error:
                     fall_back(place, error)
-            taken = _allotted(rooms, found, plant.limit * heat[0]) / heat[0]
+            taken = (reserved + _allotted(rooms, found, plant.limit * heat[0] - reserved)) / heat[0]
             wishes = {place: _wish(rooms[place], view, *looks[place], asked[place]) for place, view in views.items()}
             if views:
                 powers = _planned(rooms, views, wishes, prices, plant.limit, taken, heat)
@@ -425,7 +427,7 @@ def decide_together(
         for place in tuple(views):
             fall_back(place, error)
         # Nobody knows how much heat the plant gives: as much as in the worst case.
-        _allotted(rooms, found, plant.limit * min(each for _, each in plant.cop))
+        _allotted(rooms, found, plant.limit * min(each for _, each in plant.cop) - reserved)
     for place, view in views.items():
         found[place] = _told(rooms[place], view, looks[place], wishes[place], asked[place], powers[place])
     return [found[place] for place in range(len(rooms))]
@@ -482,7 +484,7 @@ def _begun(room: Room, steps: int) -> Array:
 
 def _allotted(rooms: Sequence[Room], found: dict[int, Decision], heat: float) -> float:
     """The heat [W] of the rooms with a thermostat; what is more than `heat` is taken from the warmest in `found`."""
-    left = heat
+    left = max(heat, 0.0)
     for place in sorted(found, key=lambda one: rooms[one].temperature - rooms[one].lowest(1)[0]):
         power = min(found[place].power, left)
         found[place], left = found[place]._replace(power=power), left - power
@@ -617,7 +619,7 @@ class Controlled:
 def look(ask: Ask, rooms: Sequence[Controlled], plant: Plant, now: float) -> None:
     """Measure all rooms, decide where that is due, and print what to do."""
     seen: dict[int, tuple[float, float]] = {}
-    decided = []
+    decided, left = [], 0.0
     for place, room in enumerate(rooms):
         try:
             at, temperature = measured(ask, room.settings.zone)
@@ -629,6 +631,8 @@ def look(ask: Ask, rooms: Sequence[Controlled], plant: Plant, now: float) -> Non
             decided.append(room)
         except FAILURES as error:
             sentence = f"no decision ({error}); the plant's own thermostat has to heat"
+            # With as much as it likes.
+            left += room.settings.power
             print(f"{room.settings.zone}: {sentence}", file=sys.stderr)
     if all(rooms[place].holds(now) for place in seen):
         for place, (at, temperature) in seen.items():
@@ -641,12 +645,13 @@ def look(ask: Ask, rooms: Sequence[Controlled], plant: Plant, now: float) -> Non
             Room(rooms[place].settings, temperature, rooms[place].power > 0.0, before=rooms[place].memory.left(now))
             for place, (_, temperature) in seen.items()
         ]
-        for place, decision in zip(seen, decide_together(ask, asked, plant=plant), strict=True):
+        reserved = left + sum(room.power for room in decided if rooms.index(room) not in seen)
+        for place, decision in zip(seen, decide_together(ask, asked, plant=plant, reserved=reserved), strict=True):
             room = rooms[place]
             room.decision, room.made, room.power = decision, now, decision.power
             if decision.by == "plan":
                 room.memory.planned(now, decision.plan)
-    share = _share(ask, [room.settings for room in decided], sum(room.power for room in decided), plant)
+    share = _share(ask, [room.settings for room in decided], sum(room.power for room in decided), plant, left)
     for room in decided:
         place = rooms.index(room)
         assert room.decision is not None
@@ -657,16 +662,16 @@ def look(ask: Ask, rooms: Sequence[Controlled], plant: Plant, now: float) -> Non
         print(f"{room.settings.zone}: {told}", flush=True)
 
 
-def _share(ask: Ask, rooms: Sequence[Settings], heat: float, plant: Plant) -> float:
-    """Of the `heat` [W] of all `rooms` together, what the plant can give now: the rooms hold plans that did not know
-    each other's corrections."""
+def _share(ask: Ask, rooms: Sequence[Settings], heat: float, plant: Plant, reserved: float) -> float:
+    """Of the `heat` [W] of all `rooms` together, what the plant can give now beside the `reserved` W: the rooms
+    hold plans that did not know each other's corrections."""
     if not rooms or not math.isfinite(plant.limit) or heat <= 0.0:
         return 1.0
     try:
         most = plant.limit * float(heat_ahead(ask, rooms[0], plant, 1, nothing_known)[0])
     except FAILURES:
         most = plant.limit * min(each for _, each in plant.cop)
-    return min(1.0, most / heat)
+    return min(1.0, max(most - reserved, 0.0) / heat)
 
 
 def measured(ask: Ask, zone: str) -> tuple[float, float | None]:

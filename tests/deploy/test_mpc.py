@@ -294,6 +294,21 @@ def test_a_look_at_several_rooms_never_asks_for_more_than_the_limit(
     assert all(" W by plan at " in line for line in told)
 
 
+def test_a_room_of_which_nothing_is_known_is_left_all_that_it_can_take(mpc: ModuleType, asking: Any) -> None:
+    def ask(method: str, path: str, body: Any = None) -> Any:
+        if "/history?" in path:
+            return {"rows": [] if "twin" in path else [{"time": TIMES[0], "y": 20.5}]}
+        return twins(asking)(method, path, body)
+
+    rooms = [mpc.Controlled(room.settings) for room in pair(mpc, low=22.0, high=25.0)]
+    for now in (0.0, 300.0):
+        mpc.look(ask, rooms, mpc.Plant(5000.0), now)
+        assert 0.0 < rooms[0].power <= 1000.0 + 1e-3
+    assert rooms[0].decision.plan[:4].max() <= 1000.0 + 1e-3, "the plan knows it"
+    mpc.look(ask, rooms, mpc.Plant(3000.0), 900.0)
+    assert rooms[0].power == 0.0
+
+
 @pytest.fixture(scope="module")
 def daemon_ended(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Daemon, str]]:
     """A daemon whose recording has come to its end, and its zone."""
