@@ -32,7 +32,10 @@ UNITS = {
 }
 """What Home Assistant calls the units that Thermogate knows."""
 
-_WORDS = {"on": 1.0, "off": 0.0, "heating": 1.0, "idle": 0.0, "open": 1.0, "closed": 0.0}
+_WORDS = {
+    **dict.fromkeys(("on", "heating", "preheating", "open"), 1.0),
+    **dict.fromkeys(("off", "idle", "cooling", "drying", "fan", "defrosting", "closed"), 0.0),
+}
 """Words that say whether something is at work: of switches, of a thermostat's `hvac_action`, of windows and valves."""
 
 _TABLES = {

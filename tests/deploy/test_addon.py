@@ -70,15 +70,20 @@ class House:
 
     def __init__(self) -> None:
         self.url = ""
+        self.broken = False
+        """Whether no answer is one of HTTP."""
         self.mqtt: dict[str, Any] | None = None
         self.states: dict[str, tuple[str, dict[str, Any]]] = {
             "weather.home": ("sunny", {"temperature": 41.0, "temperature_unit": "°F"}),
             "climate.living": ("heat", {"current_temperature": 68.0, "temperature": 70.0, "hvac_action": "heating"}),
             "climate.attic": ("heat", {"temperature": 70.0}),
             "climate.bath": ("heat", {"current_temperature": 68.0}),
+            "sensor.flow": ("300", {"unit_of_measurement": "L/h"}),
         }
 
     def answer(self, path: str, authorization: str | None) -> tuple[int, bytes]:
+        if self.broken:
+            return 0, b""
         status, found = self._found(path) if authorization == f"Bearer {TOKEN}" else (401, {"result": "error"})
         return status, json.dumps(found).encode()
 
@@ -89,6 +94,8 @@ class House:
             place = {"latitude": 47.7, "longitude": 9.2, "time_zone": "Europe/Berlin", "country": "DE"}
             return 200, {"state": "RUNNING", "unit_system": {"temperature": "°F"}, **place}
         entity = path.removeprefix("/core/api/states/")
+        if entity == "climate.slow":
+            return 502, {"message": "Bad Gateway"}
         if entity not in self.states:
             return 404, {"message": "Entity not found."}
         state, attributes = self.states[entity]
@@ -160,6 +167,8 @@ def test_from_the_options_to_a_forecast_of_a_room_with_history(tmp_path: Path, h
         ATTIC,
         {"name": "bath", "thermostat": "climate.bath"},
         {"name": "cellar", "thermostat": "climate.cellar"},
+        {"name": "hall", "thermostat": "climate.living", "heating": "sensor.flow"},
+        {"name": "office", "thermostat": "climate.slow"},
     ]
     changes = ('zones.living.estimator="ekf"', 'zones.living.period="10s"', 'zones.living.lateness="1s"')
     quick = [word for change in changes for word in ("--set", change)]
@@ -172,6 +181,8 @@ def test_from_the_options_to_a_forecast_of_a_room_with_history(tmp_path: Path, h
         said = running.log()
         assert "room attic: 'climate.attic' has no current_temperature; give a sensor of the temperature" in said
         assert "room bath: 'climate.bath' does not tell whether it heats; enter for `heating` a power sensor" in said
+        assert "room hall: 'sensor.flow' is in L/h, which is no heat; enter for `heating` a power sensor" in said
+        assert "room office: Home Assistant does not say what 'climate.slow' is (HTTP Error 502: Bad Gateway)" in said
         assert "room cellar: Home Assistant has no entity 'climate.cellar'; choose one of" in said
         assert "history could not be learned" not in said
         wait_until(lambda: {ahead, telemetry} < listening.newest().keys())
@@ -189,6 +200,10 @@ def test_from_the_options_to_a_forecast_of_a_room_with_history(tmp_path: Path, h
         running.says("entity 'climate.living' has no value; look at it in Home Assistant")
         house.states["climate.living"] = ("heat", {"current_temperature": 69.0, "hvac_action": "idle"})
         running.says("no longer: entity 'climate.living' has no value")
+        house.broken = True
+        running.says(r"Home Assistant does not answer \(the answer broke off: BadStatusLine")
+        house.broken = False
+        running.says("no longer: Home Assistant does not answer")
         wait_until(lambda: json.loads(listening.newest()[telemetry]).get("T_i") == 69.0)
     assert running.process.returncode == 0
     assert list((tmp_path / "data" / "state").rglob("*.npz"))

@@ -68,6 +68,16 @@ def test_attributes_and_words(tmp_path):
     assert readings(path, ("climate.room", "swing_mode")) == []
 
 
+def test_a_thermostat_that_cools_does_not_heat(tmp_path):
+    actions = ("preheating", "cooling", "defrosting", "fan", "off", "sleeping")
+    rows = [
+        (60 * minute, "climate.room", ("auto", f'{{"hvac_action": "{action}"}}'))
+        for minute, action in enumerate(actions)
+    ]
+    path = database(tmp_path / "db", [*rows, (600, "a.b", "1")])
+    assert readings(path, ("climate.room", "hvac_action"))[:5] == [(60 * m, float(m == 0)) for m in range(5)]
+
+
 def test_a_meter_becomes_power_from_one_change_to_the_next(tmp_path):
     rows = [(0, "sensor.energy", "10.0"), (3600, "sensor.energy", "10.5"), (7200, "sensor.energy", "12.5")]
     path = database(tmp_path / "db", rows)

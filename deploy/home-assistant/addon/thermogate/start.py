@@ -6,6 +6,7 @@ Options of the command line are those of `thermogate run`. What it needs of the 
 
 from __future__ import annotations
 
+import http.client
 import json
 import os
 import signal
@@ -61,8 +62,11 @@ def say(sentence: str) -> None:
 def asked(path: str) -> Any:
     """What the Supervisor answers. Raises OSError."""
     headers = {"Authorization": f"Bearer {os.environ['SUPERVISOR_TOKEN']}"}
-    with urllib.request.urlopen(urllib.request.Request(SUPERVISOR + path, headers=headers), timeout=30) as answer:
-        return json.load(answer)
+    try:
+        with urllib.request.urlopen(urllib.request.Request(SUPERVISOR + path, headers=headers), timeout=30) as answer:
+            return json.load(answer)
+    except http.client.HTTPException as error:
+        raise OSError(f"the answer broke off: {error!r}") from error
 
 
 def running_house() -> dict[str, Any]:
@@ -105,8 +109,12 @@ def state_of(entity: str) -> dict[str, Any] | None:
 
 
 def seen(entity: str) -> dict[str, Any]:
-    """State and attributes of an entity. Raises Told where there is none."""
-    if (state := state_of(entity)) is None:
+    """State and attributes of an entity. Raises Told where there is none, and where nobody answers."""
+    try:
+        state = state_of(entity)
+    except (OSError, ValueError) as error:
+        raise Told(f"Home Assistant does not say what '{entity}' is ({error}); restart this add-on") from error
+    if state is None:
         raise Told(f"Home Assistant has no entity '{entity}'; choose one of Developer tools, States")
     return state
 
@@ -128,7 +136,8 @@ def temperature(entity: str, attribute: str, house: Mapping[str, Any]) -> Value:
 def heating(entity: str, power: float) -> Value:
     """How much an entity heats, of `power` W at most. Raises Told where it does not tell."""
     attributes = seen(entity)["attributes"]
-    unit = UNITS.get(attributes.get("unit_of_measurement"))
+    stated = attributes.get("unit_of_measurement")
+    unit = UNITS.get(stated)
     on = {"unit": "W", "scale": power, "aggregate": "mean"}
     if entity.startswith("climate."):
         if "hvac_action" not in attributes:
@@ -141,8 +150,13 @@ def heating(entity: str, power: float) -> Value:
         return Value(entity, None, {"unit": "%", "nominal": power, "aggregate": "mean"})
     if unit in ("W", "kW", "MW", "BTU/h"):
         return Value(entity, None, {"unit": unit, "aggregate": "mean"})
-    if unit is not None:
+    if unit in ("Wh", "kWh", "MWh", "MJ", "GJ"):
         return Value(entity, None, {"unit": unit})
+    if stated:
+        raise Told(
+            f"'{entity}' is in {stated}, which is no heat; enter for `heating` a power sensor, a meter of energy, a "
+            "valve in percent or a switch"
+        )
     return Value(entity, None, on)
 
 

@@ -80,7 +80,7 @@ def _level(word: object) -> float | None:
     """What is on or off as 1 or 0; None for anything else."""
     if word in (STATE_ON, *_HEATS):
         return 1.0
-    return 0.0 if word in (STATE_OFF, HVACAction.IDLE, "cooling", "drying", "fan") else None
+    return 0.0 if word in (STATE_OFF, HVACAction.IDLE, "cooling", "drying", "fan", "defrosting") else None
 
 
 @dataclass(frozen=True)
