@@ -25,6 +25,7 @@ import service.store.journal_file
 from adapters.reading import Quality, Reading
 from service.errors import ServiceError, StateMismatch
 from service.records.sample import Sample
+from service.records.update import Update
 from service.store.backup import restore_backup, write_backup
 from service.store.checkpoint import Checkpoint, CheckpointStore
 from service.store.journal import Journal
@@ -96,6 +97,12 @@ def sample(k: int) -> Sample:
     return Sample(300 * k, np.array([20.0 + k / 3]), values, (Quality.GOOD,), (Quality.GOOD, Quality.BAD, Quality.GOOD))
 
 
+@cache
+def update(k: int) -> Update:
+    """The update of sample k."""
+    return make_update(k)._replace(time=300 * k)
+
+
 def checkpoint(number: int) -> Checkpoint:
     """Checkpoint `number`, different from every other; of a few pages."""
     return Checkpoint("mark", number, {"x": np.random.default_rng(number).normal(size=700)}, {"number": number})
@@ -160,7 +167,7 @@ class JournalWorkload(Workload):
         return lambda: self.journal.append_all([(zone, sample(k)) for zone in "ab"])
 
     def _record(self, zone: str, k: int) -> Callable[[], object]:
-        return lambda: self.journal.record(zone, make_update(k)._replace(time=300 * k))
+        return lambda: self.journal.record(zone, update(k))
 
     def _keep(self, zone: str, k: int) -> Callable[[], object]:
         kept = Reading(f"{zone}/T", 300 * k + 7.5, 20.0 + k / 3, Quality.UNCERTAIN)

@@ -8,7 +8,6 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -18,6 +17,7 @@ from faults.power_loss import write as rebuild
 from faults.shim import Operation
 
 STRIDE = 1 if os.environ.get("FAULTS") == "all" else 4
+WORKLOADS = ("checkpoints", "journal", "reset", "restore", "set back")
 SCRIPT = Path(shim.__file__).with_name("positions.py")
 
 
@@ -29,26 +29,29 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Iterator[Path]:
-    """A folder in memory where there is one: thousands of syncs to a disk take minutes."""
+@pytest.fixture(scope="module")
+def counted(library: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, int]]:
+    """How all workloads went, which one process tries in a folder in memory where there is one: thousands of syncs to a
+    disk take minutes."""
     memory = Path("/dev/shm")
-    with tempfile.TemporaryDirectory(dir=memory if os.access(memory, os.W_OK) else tmp_path) as name:
-        yield Path(name)
-
-
-@pytest.mark.parametrize("workload", ["checkpoints", "journal", "reset", "restore", "set back"])
-def test_nothing_acknowledged_is_lost_at_any_position(workload: str, library: Path, folder: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, str(SCRIPT), str(folder), str(STRIDE), workload],
-        env=os.environ | {"LD_PRELOAD": str(library)},
-        capture_output=True,
-        text=True,
-        timeout=1800,
-        check=False,
-    )
+    where = memory if os.access(memory, os.W_OK) else tmp_path_factory.mktemp("faults")
+    with tempfile.TemporaryDirectory(dir=where) as folder:
+        done = subprocess.run(
+            [sys.executable, str(SCRIPT), folder, str(STRIDE), *WORKLOADS],
+            env=os.environ | {"LD_PRELOAD": str(library)},
+            capture_output=True,
+            text=True,
+            timeout=9000,
+            check=False,
+        )
     assert done.returncode == 0, done.stderr
-    counts = json.loads(done.stdout)[workload]
+    counts: dict[str, dict[str, int]] = json.loads(done.stdout)
+    return counts
+
+
+@pytest.mark.parametrize("workload", WORKLOADS)
+def test_nothing_acknowledged_is_lost_at_any_position(workload: str, counted: dict[str, dict[str, int]]) -> None:
+    counts = counted[workload]
     # Seven faults that pass or last, two deaths and one drop at each position, and the power failures between them.
     assert counts["operations"] > 30
     assert counts["positions"] >= counts["operations"] / STRIDE
