@@ -124,7 +124,7 @@ def parameters(trace: Trace) -> Plot:
         if place is not None:
             parameter = trace.network.parameters[place]
             for bound in (parameter.lower, parameter.upper):
-                figure.add_hline(y=bound, row=row, col=col, line={"color": _WARM, "width": 1.5, "dash": "dash"})
+                _level(figure, bound, 1.5, row=row, col=col)
         figure.update_yaxes(type="log", row=row, col=col)
         if place is None:
             low, median, high = (np.log10(column) for column in values.T)
@@ -137,7 +137,7 @@ def pit(found: Diagnostics) -> Plot:
     figure = go.Figure()
     centres = (np.arange(_BINS) + 0.5) / _BINS
     figure.add_trace(go.Bar(x=centres, y=pit_histogram(found.pit, _BINS), marker_color=_BLUE, showlegend=False))
-    figure.add_hline(y=1.0 / _BINS, line={"color": _WARM, "width": 2, "dash": "dash"})
+    _level(figure, 1.0 / _BINS, 2)
     figure.update_layout(
         xaxis_title="place of the measurement in its forecast", yaxis_title="share of the forecasts", bargap=0.05
     )
@@ -167,7 +167,13 @@ def against_inputs(found: Diagnostics, period: float) -> Plot:
 
 def _white(figure: go.Figure, found: Diagnostics) -> None:
     for bound in (-found.band, found.band):
-        figure.add_hline(y=bound, line={"color": _WARM, "width": 1, "dash": "dash"})
+        _level(figure, bound, 1)
+
+
+def _level(figure: go.Figure, y: float, width: float, **place: int) -> None:
+    """A dashed line across a panel. `add_hline` draws the same, and takes five times as long."""
+    line = {"color": _WARM, "width": width, "dash": "dash"}
+    figure.add_shape(type="line", x0=0, x1=1, xref="x domain", y0=y, y1=y, yref="y", line=line, **place)
 
 
 def _with_gaps(trace: Trace, times: Seconds, period: float, *columns: Array) -> tuple[Array, list[Array]]:
