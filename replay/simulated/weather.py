@@ -4,11 +4,11 @@ Temperature: annual and diurnal cosine, the latter wider under a clear sky, plus
 the clear sky of `estimator.heat.sun` times a stochastic cloud index.
 """
 
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
 from scipy.special import expit
 
 from estimator.arrays import Array
@@ -76,4 +76,6 @@ def _noise(times: npt.NDArray[np.int64], step: int, time_scale: float, rng: np.r
     innovation = np.sqrt(1.0 - persistence**2)
     shocks = rng.standard_normal(len(grid)) * innovation
     shocks[0] /= innovation
-    return np.interp(times, grid, lfilter([1.0], [1.0, -persistence], shocks))
+    # SciPy's `lfilter` does the same; importing `scipy.signal` takes longer than everything else that the demo imports.
+    noise = accumulate(shocks.tolist(), lambda before, shock: persistence * before + shock)
+    return np.interp(times, grid, list(noise))
