@@ -15,7 +15,7 @@ from adapters.bacnet.objects import (
     is_numeric,
 )
 from adapters.bacnet.units import unit_of
-from adapters.bacnet.values import Flags, Unreadable, Value, flags, number, object_id, text, whole
+from adapters.bacnet.values import Flags, Unreadable, Value, flags, known, number, object_id, text, whole
 from adapters.errors import SourceConfigError
 from adapters.scanning import Scan, Scanned
 
@@ -75,7 +75,10 @@ async def _objects(link: BacnetLink, device: Device, remarks: list[str]) -> list
     try:
         listed = await link.read_list(device, *what)
     except Refused:
-        count = min(whole(await link.read_one(device, *what, 0)), MOST_OBJECTS + 1)
+        length = known(whole, await link.read_one(device, *what, 0))
+        if length is None:
+            raise Refused("it does not say how many objects it has") from None
+        count = min(length, MOST_OBJECTS + 1)
         listed = [await link.read_one(device, *what, index) for index in range(1, count + 1)]
     if len(listed) > MOST_OBJECTS:
         remarks.append(f"device {device.instance} has more than {MOST_OBJECTS} objects; the first were looked at")

@@ -240,10 +240,12 @@ class Datagrams(Server[PDU]):
         while True:
             await self._news.wait()
             self._news.clear()
-            self._waiting_from = +self._waiting_from
             while self._waiting:
                 data, source, destination = self._waiting.popleft()
                 self._waiting_from[source] -= 1
+                if not self._waiting_from[source]:
+                    # A flood may come from ever new addresses.
+                    del self._waiting_from[source]
                 await self.accept(data, source, destination)
                 # Whatever comes, the rest of the process has its turn.
                 await asyncio.sleep(0)

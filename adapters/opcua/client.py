@@ -141,8 +141,11 @@ class OpcuaLink:
                 answers = await self._client.uaclient.translate_browsepaths_to_nodeids(paths)
                 for name, answer in zip(names, answers, strict=True):
                     if answer.StatusCode.is_good() and answer.Targets:
-                        unit = await self._client.get_node(answer.Targets[0].TargetId).read_value()
-                        found[name] = str(unit.DisplayName.Text)
+                        # What a server does not tell of a unit says nothing against the value.
+                        with suppress(ua.UaStatusCodeError):
+                            unit = await self._client.get_node(answer.Targets[0].TargetId).read_value()
+                            if isinstance(unit, ua.EUInformation) and unit.DisplayName.Text:
+                                found[name] = unit.DisplayName.Text
         return found
 
     async def variables(self, most: int) -> dict[str, str]:

@@ -17,6 +17,9 @@ _BLOCKS = ("minutely_15", "hourly")
 """Blocks of a document that hold series, the finest first: of a series that is in both, the finest counts."""
 
 _UNITS = {"°C": "degC", "°F": "degF", "W/m²": "W/m2", "K": "K"}
+_MOST_AHEAD = 86400.0
+"""s that a local time may be ahead of UTC."""
+_LONGEST_SHOWN = 200
 _PRECEDING = ("radiation", "irradiance")
 
 
@@ -24,7 +27,7 @@ def parse(text: bytes, arrived: float) -> WeatherForecast:
     """The forecast in a document that `arrived` at UTC s. SourceUnavailable says what is wrong with it.
 
     Times without a zone are in `utc_offset_seconds`, or UTC. Numbers are seconds since 1970. A document may say in
-    `issued` (RFC 3339) when it was issued.
+    `issued` (RFC 3339) when it was issued, which was not after it arrived.
     """
     if len(text) > LONGEST:
         raise SourceUnavailable(f"the document is longer than {LONGEST} bytes; ask for fewer series or fewer days")
@@ -35,7 +38,7 @@ def parse(text: bytes, arrived: float) -> WeatherForecast:
     if not isinstance(document, dict):
         raise SourceUnavailable("the document is no JSON object with the block hourly")
     if document.get("error") is True:
-        raise SourceUnavailable(f"the service refuses: {document.get('reason', 'it does not say why')}")
+        raise SourceUnavailable(f"the service refuses: {_shown(str(document.get('reason', 'it does not say why')))}")
     series: dict[str, WeatherSeries] = {}
     for block in reversed(_BLOCKS):
         if block in document:
@@ -43,7 +46,8 @@ def parse(text: bytes, arrived: float) -> WeatherForecast:
     if not series:
         raise SourceUnavailable(f"the document has no series; it needs a block {' or '.join(reversed(_BLOCKS))}")
     issued = document.get("issued")
-    return WeatherForecast(arrived if issued is None else float(_seconds([issued], 0.0)[0]), series)
+    # One from the future, or from no time, would never be too old.
+    return WeatherForecast(arrived if issued is None else min(arrived, float(_seconds([issued], 0.0)[0])), series)
 
 
 def _series(document: Mapping[str, Any], block: str) -> dict[str, WeatherSeries]:
@@ -51,8 +55,8 @@ def _series(document: Mapping[str, Any], block: str) -> dict[str, WeatherSeries]
     if not isinstance(columns, dict) or not isinstance(columns.get("time"), list) or not isinstance(units, dict):
         raise SourceUnavailable(f"the block {block} has no list of times called time")
     offset = document.get("utc_offset_seconds", 0)
-    if isinstance(offset, bool) or not isinstance(offset, int | float):
-        raise SourceUnavailable(f"utc_offset_seconds is {offset!r}; it must be a number")
+    if isinstance(offset, bool) or not isinstance(offset, int | float) or not abs(offset) <= _MOST_AHEAD:
+        raise SourceUnavailable(f"utc_offset_seconds is {_shown(repr(offset))}; it must be a number of at most a day")
     times = _seconds(columns["time"], float(offset))
     found = {}
     for name, values in columns.items():
@@ -89,5 +93,13 @@ def _seconds(times: list[Any], offset: float) -> Array:
             else:
                 raise ValueError
         except (ValueError, OverflowError):
-            raise SourceUnavailable(f"{value!r} is no time; write 2026-01-31T12:00 or seconds since 1970") from None
+            raise SourceUnavailable(
+                f"{_shown(repr(value))} is no time; write 2026-01-31T12:00 or seconds since 1970"
+            ) from None
     return seconds
+
+
+def _shown(told: str) -> str:
+    """What a document says for people: on one line, and shortened."""
+    line = "".join(character if character.isprintable() else " " for character in told[: _LONGEST_SHOWN + 1])
+    return line if len(line) <= _LONGEST_SHOWN else f"{line[: _LONGEST_SHOWN - 3]}..."

@@ -48,7 +48,8 @@ class PolledForecasts(WeatherSource):
                     before = stamp
             except OSError as error:
                 reason = (error.strerror or str(error)).lower()
-                raise SourceUnavailable(f"weather.{self.name}: {error.filename} cannot be read ({reason})") from error
+                what = error.filename or "the file"
+                raise SourceUnavailable(f"weather.{self.name}: {what} cannot be read ({reason})") from error
             except SourceError as error:
                 raise SourceUnavailable(f"weather.{self.name}: {error}") from error
             await asyncio.sleep(self._every)

@@ -11,12 +11,16 @@ import pytest
 
 pytest.importorskip("bacpypes3", reason="bacpypes3 is not installed")
 
+from bacpypes3.pdu import IPv4Address
 from support.bacnet_plant import Bbmd, Peer, free_udp_port, one_device, serving
 from support.sources import becomes, bound, collect, exhaust, source_table, values
 from support.waiting import PATIENCE, until
 
 import adapters.bacnet.session
 import adapters.bacnet.source
+from adapters.bacnet.client import Device, Found, TooLong
+from adapters.bacnet.scan import scan
+from adapters.bacnet.stack import Datagrams
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.reading import Fault, Quality
 from adapters.scanning import Scan
@@ -314,6 +318,16 @@ async def test_a_flood_is_bounded_and_harms_nothing(caplog):
                 assert values([await anext(stream)]) == {"z/T": 21.5}
 
 
+async def test_addresses_are_forgotten_once_what_they_sent_is_taken():
+    datagrams = Datagrams(IPv4Address(f"127.0.0.1:{free_udp_port()}"), lambda kind: None)
+    await datagrams.open(broadcasts=False, beside=False)
+    for number in range(1000):
+        datagrams.received(b"nothing", (f"10.0.{number // 256}.{number % 256}", 47808), None)
+    await until(lambda: not datagrams._waiting)
+    assert not datagrams._waiting_from, "a flood may come from ever new ones"
+    await datagrams.close()
+
+
 async def test_as_a_foreign_device_it_finds_devices_through_the_bbmd():
     # Devices and BBMD on one port, the source on another: their broadcasts do not reach it.
     port, peer = one_device()
@@ -397,6 +411,24 @@ async def test_scan_lists_devices_and_their_numbers():
     assert {row[0] for row in some.rows[1:]} == {"1300"}
     with pytest.raises(SourceConfigError, match="a scan asks everybody: give interface its prefix"):
         await source(free_udp_port(), [], interface="127.0.0.1").scan(Scan())
+
+
+async def test_scan_goes_on_after_a_device_that_does_not_say_how_many_objects_it_has():
+    class Odd:
+        async def who_is(self, *_):
+            return [Found(1201, "there")]
+
+        async def find(self, *_):
+            return Device(1201, "there")
+
+        async def read_list(self, *_):
+            raise TooLong("abort 4")
+
+        async def read_one(self, *_):
+            return 1.5
+
+    found = await scan(Odd(), Scan(seconds=0.5), broadcasts=True)
+    assert found.remarks == ["device 1201: it does not say how many objects it has"]
 
 
 def test_without_the_library_or_a_way_to_find_devices_check_says_so(monkeypatch):

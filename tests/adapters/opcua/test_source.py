@@ -85,6 +85,11 @@ class Plant:
         }
         unit = ua.EUInformation(DisplayName=ua.LocalizedText("°C"))
         await self.nodes["T"].add_property(0, "EngineeringUnits", unit)
+        # What servers have where nobody has entered a unit, or does not give away.
+        await self.nodes["switch"].add_property(0, "EngineeringUnits", ua.EUInformation())
+        await self.nodes["meter"].add_property(0, "EngineeringUnits", ua.Variant(None, ua.VariantType.Null))
+        secret = await self.nodes["nothing"].add_property(0, "EngineeringUnits", unit)
+        await secret.write_value(ua.DataValue(ua.Variant(unit), ua.StatusCode(ua.StatusCodes.BadUserAccessDenied)))
         await server.start()
         self.port = server.bserver._server.sockets[0].getsockname()[1]
 
@@ -138,6 +143,7 @@ async def test_a_probe_says_what_is_there(plant: Plant) -> None:
     assert probes["z/T"][1:4] == ("nsu=urn:building;s=T", "21.5", 21.5)
     assert probes["z/T"].hints == ("the server states its unit as °C",)
     assert probes["z/switch"].value == 1000.0
+    assert not probes["z/switch"].hints
     assert probes["z/meter"].hints == ("the counter stands at 100",)
     assert "is no number but a str" in probes["z/name"].verdict
     assert probes["z/nothing"].verdict.startswith("not available")

@@ -56,6 +56,8 @@ def test_finer_series_count_and_a_document_may_say_when_it_was_issued() -> None:
     forecast = parse(written(minutely_15=finer, issued="2026-01-31T06:00:00Z"), NOON)
     assert forecast.issued == NOON - 6 * 3600
     assert forecast.series["temperature_2m"].values.tolist() == [1.0, 2.0]
+    # As is usual in JavaScript, in milliseconds: it would be young for 50,000 years.
+    assert parse(written(issued=1000 * NOON), NOON).issued == NOON
     assert forecast.series["shortwave_radiation_instant"].means == "instant"
     assert "shortwave_radiation" in forecast.series
 
@@ -74,6 +76,9 @@ def test_finer_series_count_and_a_document_may_say_when_it_was_issued() -> None:
         (written(hourly={"time": [NOON], "t": ["cold"]}), "must hold numbers or null"),
         (written(hourly={"time": [True], "t": [1]}), "True is no time"),
         (written(hourly={"time": [NOON], "t": [10**400]}), "hourly.t holds a number too large"),
+        (b'{"error": true, "reason": "a\\nb"}', "the service refuses: a b"),
+        (written(utc_offset_seconds=10**400), "utc_offset_seconds is 1000"),
+        (written(hourly={"time": ["x" * 10**6], "t": [1.0]}), r"xxx\.\.\. is no time"),
         (written(utc_offset_seconds="CET"), "utc_offset_seconds is 'CET'"),
         (written(issued=[]), "is no time"),
         (b" " * (LONGEST + 1), "longer than 4000000 bytes; ask for fewer series"),
