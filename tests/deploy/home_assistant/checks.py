@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from custom_components.thermogate import async_remove_config_entry_device
-from custom_components.thermogate.client import DaemonError, KeyRefused, Unreachable
+from custom_components.thermogate.client import Client, DaemonError, KeyRefused, Unreachable
 from custom_components.thermogate.coordinator import Coordinator, client_of
 from custom_components.thermogate.diagnostics import async_get_config_entry_diagnostics
 from custom_components.thermogate.room import Room
@@ -23,6 +23,7 @@ from homeassistant.exceptions import ServiceValidationError
 from homeassistant.helpers import device_registry, entity_registry, issue_registry
 from homeassistant.setup import async_setup_component
 from homeassistant.util import dt
+from homeassistant.util.unit_conversion import PowerConverter
 from homeassistant.util.unit_system import METRIC_SYSTEM, US_CUSTOMARY_SYSTEM
 from pytest_homeassistant_custom_component.common import MockConfigEntry, async_fire_time_changed
 
@@ -145,7 +146,7 @@ async def test_without_an_outdoor_sensor_the_weather_counts(hass: HomeAssistant)
     assert 'T_out = { source = "past", entity = "weather.home", attribute = "temperature", unit = "degF" }' in history
 
 
-async def test_a_daemon_that_does_not_do(hass: HomeAssistant) -> None:
+async def test_a_daemon_that_does_not_do(hass: HomeAssistant, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each mistake is named, and the form stays."""
     shown = await begin(hass)
     for wrong, error, problem in (
@@ -156,6 +157,17 @@ async def test_a_daemon_that_does_not_do(hass: HomeAssistant) -> None:
         shown = await told(hass, shown, DAEMON | wrong)
         assert shown["errors"] == {"base": error}
         assert problem in shown["description_placeholders"]["problem"]
+    with monkeypatch.context() as lost:
+        ask = Client.ask
+
+        async def posts_only(client: Client, method: str, path: str, *more: Any, **named: Any) -> Any:
+            if method == "GET":
+                raise Unreachable("it has just gone")
+            return await ask(client, method, path, *more, **named)
+
+        lost.setattr(Client, "ask", posts_only)
+        shown = await told(hass, shown, DAEMON)
+        assert shown["errors"] == {"base": "cannot_connect"}
     done = await told(hass, shown, DAEMON)
     assert (done["type"], done["title"]) == (FlowResultType.CREATE_ENTRY, "home")
     assert done["options"]["rooms"]["living"]["climate"] == "climate.living"
@@ -290,6 +302,22 @@ async def test_the_heat(
         hass.states.async_set(heating, state, attributes)
     room = Room("living", "climate.living", heating, 6000.0)
     assert room.values(hass).get("u_heat") == watts
+
+
+@pytest.mark.parametrize(("unit", "known"), [("MW", True), ("mW", False)])
+def test_units_of_newer_releases(hass: HomeAssistant, monkeypatch: pytest.MonkeyPatch, unit: str, known: bool) -> None:
+    more = dict.fromkeys(("MW", "mW"), 1.0)
+    monkeypatch.setattr(PowerConverter, "VALID_UNITS", {*PowerConverter.VALID_UNITS, *more})
+    monkeypatch.setattr(PowerConverter, "_UNIT_CONVERSION", PowerConverter._UNIT_CONVERSION | more)
+    hass.states.async_set("sensor.power", "1.2", {"unit_of_measurement": unit})
+    room = Room("living", "climate.living", "sensor.power", 6000.0, "sensor.outdoor")
+    assert ("u_heat" in room.values(hass)) == known
+    assert ('unit = "MW"' in room.history(hass)) == known
+
+
+async def test_a_thermostat_that_defrosts_does_not_heat(hass: HomeAssistant) -> None:
+    hass.states.async_set("climate.living", "heat", {"current_temperature": 20.5, "hvac_action": "defrosting"})
+    assert Room("living", "climate.living", None, 6000.0).values(hass)["u_heat"] == 0.0
 
 
 async def test_findings_and_what_is_gone_are_issues(hass: HomeAssistant) -> None:

@@ -132,8 +132,12 @@ class ThermogateFlow(ConfigFlow, domain=DOMAIN):
             client = client_of(self.hass, user_input)
             error, problem = await introduce(self.hass, client, room)
             if error is None:
-                site = (await client.ask("GET", "/zones"))["site"]
-                return await self._finish(site, user_input, room)
+                try:
+                    site = (await client.ask("GET", "/zones"))["site"]
+                except DaemonError as refusal:
+                    error, problem = refusal.form_error, str(refusal)
+                else:
+                    return await self._finish(site, user_input, room)
         return self.async_show_form(
             step_id="daemon",
             data_schema=self.add_suggested_values_to_schema(_DAEMON_FORM, user_input),

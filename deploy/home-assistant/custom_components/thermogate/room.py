@@ -29,6 +29,8 @@ _UNITS = {
     UnitOfTemperature.KELVIN: "K",
     UnitOfPower.WATT: "W",
     UnitOfPower.KILO_WATT: "kW",
+    "MW": "MW",
+    "BTU/h": "BTU/h",
 }
 """Home Assistant's units as Thermogate's configuration writes them."""
 
@@ -130,7 +132,8 @@ class Room:
 
     def _measured(self, state: State) -> Place | None:
         unit = state.attributes.get(ATTR_UNIT_OF_MEASUREMENT)
-        if unit in PowerConverter.VALID_UNITS:
+        # Newer releases convert more units than a configuration can have.
+        if unit in PowerConverter.VALID_UNITS and unit in _UNITS:
             return Place(state.entity_id, unit)
         if unit == PERCENTAGE:
             return Place(state.entity_id, UnitOfPower.WATT, None, self.power / 100.0)
