@@ -1,5 +1,6 @@
 """What the commands show: the summary of a check, where a demo is to be seen, and the network presets."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 
 from adapters.fields.durations import format_duration
@@ -58,7 +59,7 @@ def demo_requests(config: Config) -> list[str]:
         f"  curl '{url}/zones'",
         f"  curl '{url}/zones/{zone}/forecast?level=0.5&level=0.95'",
         f"  curl '{url}/zones/{zone}/parameters'",
-        f"For its report, while it runs: thermogate report {config.site.state_dir}",
+        f"For its report, while it runs: thermogate report {shlex.quote(str(config.site.state_dir))}",
         "Ctrl-C stops.",
     ]
 

@@ -138,20 +138,22 @@ def test_demo_runs_the_daemon_on_its_building(tmp_path: Path, monkeypatch: pytes
         yield write(plants[-1].directory, sound(plants[-1].directory)), "http://127.0.0.1:5021"
 
     stand_in(monkeypatch, "replay.bms.background", "in_background", building)
-    runs, home = daemon(monkeypatch), tmp_path / "home"
+    runs, home = daemon(monkeypatch), tmp_path / "my home"
     given = ["--directory", str(home), "--port", "0", "--pace", "60", "--duration", "2.5"]
     assert main(["demo"]) == 0
     shown = capsys.readouterr().out
     assert re.search(r"http://127.0.0.1:\d+/docs", shown)
     assert sum(line.startswith("  curl ") for line in shown.splitlines()) == 5
+    assert main(["demo", *given[:2]]) == 0
+    assert f"thermogate report '{home}/" in capsys.readouterr().out, "as a shell takes it"
     assert main(["demo", *given, "--set", "zones.living.period=10min", "--set", "http.port=0"]) == 0
     assert "log below" in capsys.readouterr().out
-    usual, chosen = plants
+    usual, _, chosen = plants
     assert (usual.pace, usual.directory.exists()) == (600.0, False), "the temporary folder is gone"
     assert (chosen.directory, chosen.pace, chosen.overrides[0]) == (home, 60.0, "http.port=0")
     assert (usual.knows, chosen.knows) == (True, False), "rooms of another period have learned nothing yet"
-    assert [options for _, options in runs] == [{"duration": None}, {"duration": 2.5}]
-    assert runs[1][0][0].zones[0].period == 600
+    assert [options for _, options in runs] == [{"duration": None}, {"duration": None}, {"duration": 2.5}]
+    assert runs[2][0][0].zones[0].period == 600
     assert home.exists()
 
 
