@@ -167,7 +167,8 @@ def _answers(endpoint: str) -> bool:
     try:
         with socket.create_connection((host.strip("[]"), int(port)), timeout=1.0):
             return True
-    except OSError:
+    except (OSError, UnicodeError):
+        # A host of two dots in a row is no name that could be looked up.
         return False
 
 

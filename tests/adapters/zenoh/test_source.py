@@ -118,6 +118,11 @@ async def test_user_and_password_are_accepted_and_refused(
         assert await verdict(place, mode=mode) != "connected"
 
 
+async def test_a_host_that_is_no_name_is_one_at_which_nobody_answers() -> None:
+    told = await verdict("tcp/192.168..30:7447", mode="client", timeout=1.0)
+    assert told.endswith("no Zenoh session answers at tcp/192.168..30:7447; start it, or correct the address")
+
+
 async def test_our_listener_asks_for_user_and_password(tmp_path: Path) -> None:
     (tmp_path / "users").write_text("bms:secret-1\n", encoding="utf-8")
 
