@@ -167,6 +167,7 @@ def test_from_the_options_to_a_forecast_of_a_room_with_history(tmp_path: Path, h
         ATTIC,
         {"name": "bath", "thermostat": "climate.bath"},
         {"name": "cellar", "thermostat": "climate.cellar"},
+        {"name": "living", "thermostat": "sensor.flow"},
         {"name": "hall", "thermostat": "climate.living", "heating": "sensor.flow"},
         {"name": "office", "thermostat": "climate.slow"},
     ]
@@ -181,6 +182,7 @@ def test_from_the_options_to_a_forecast_of_a_room_with_history(tmp_path: Path, h
         said = running.log()
         assert "room attic: 'climate.attic' has no current_temperature; give a sensor of the temperature" in said
         assert "room bath: 'climate.bath' does not tell whether it heats; enter for `heating` a power sensor" in said
+        assert "room living: another room has that name; give each its own in the configuration tab" in said
         assert "room hall: 'sensor.flow' is in L/h, which is no heat; enter for `heating` a power sensor" in said
         assert "room office: Home Assistant does not say what 'climate.slow' is (HTTP Error 502: Bad Gateway)" in said
         assert "room cellar: Home Assistant has no entity 'climate.cellar'; choose one of" in said

@@ -180,6 +180,9 @@ def rooms_of(options: Mapping[str, Any], house: Mapping[str, Any]) -> dict[str, 
     rooms: dict[str, Room] = {}
     for room in options["rooms"]:
         name, entry = room["name"], json.dumps([room, options["outdoor"]])
+        if name in rooms:
+            say(f"room {name}: another room has that name; give each its own in the configuration tab")
+            continue
         try:
             rooms[name] = described(room, options["outdoor"], house)
             known[name] = [entry, rooms[name]]
