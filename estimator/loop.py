@@ -255,6 +255,8 @@ class Loop:
         begin = self._believable(carried, outputs)
         posterior, verified, issued = self._restarted(standing._replace(state=earlier.state), begin, drive)
         state = estimator.predict(posterior.state, drive)
+        if verified is not None:
+            verified = self.verification.predict(verified, state, drive, self._seed)
         standing = Standing(state, one_step(estimator, estimator.predictive(state), self._levels), verified, issued)
         return carried._replace(standing=standing, vanished=0, live=earlier.live)
 

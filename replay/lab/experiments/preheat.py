@@ -91,14 +91,8 @@ class Asking(Controller):
         self._relay = OnOff(np.array([room.heater for room in scene.of.rooms]))
         self._learned = min(LEARNED, run.days // 2) * DAY // STEP
         settings = WorkerSettings(run.seed, (0.95,), 12, PERIOD)
-        self._workers = [
-            ZoneWorker(
-                registry.build(run.estimator, network, PERIOD, {}),
-                settings,
-                known_heat(network, PERIOD, scene.whereabouts),
-            )
-            for network in self._networks
-        ]
+        made = [registry.build(run.estimator, network, PERIOD, {}) for network in self._networks]
+        self._workers = [ZoneWorker(one, settings, known_heat(one.network, PERIOD, scene.whereabouts)) for one in made]
         self._wanted = np.empty(0)
         self._steps: list[tuple[Moment, Array, Array]] = []
 

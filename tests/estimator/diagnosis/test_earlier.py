@@ -38,6 +38,21 @@ def test_what_was_learned_of_a_lie_is_given_up_when_it_ends():
     assert lost[-DAY:] == pytest.approx(truth[-DAY:], rel=0.05)
 
 
+def test_forecasts_are_verified_again_after_what_was_learned_was_given_up():
+    outputs, inputs, _ = recorded((CLEAN + LYING + AFTER) // DAY, PERIOD)
+    inputs[CLEAN : CLEAN + LYING, 1] *= 1000.0
+    members = {"one": {"estimator": "ekf"}, "other": {"estimator": "arx"}}
+    loop = Loop(build("bank", network("tite"), PERIOD, {"members": members}), 5, (0.95,))
+    carried, gone_back = loop.begin(), 0
+    for k, (y, row) in enumerate(zip(outputs, inputs, strict=True)):
+        before = carried.suspicions
+        carried = loop.step(carried, k * PERIOD, y, row, k > 0).carried
+        gone_back += before != carried.suspicions
+    assert gone_back
+    last = loop.verification.scores(carried.standing.verified, (len(outputs) - 1) * PERIOD, 1)
+    assert (last.forecasts[1:3] >= 18.0).all()
+
+
 DAYS = 86400.0
 STOOD = Suspicion(SENSOR_JUMPED, 0, 2.0 * DAYS)
 OTHER = Suspicion(UNIT_CHANGED, 1, 3.5 * DAYS)

@@ -86,9 +86,9 @@ class Site:
         shared = Plumbing("control", store, pool, Questions(asking, stopping), stopping, metrics, (metrics,), _NEVER)
         self._zones: dict[str, Zone] = {}
         for index, room in enumerate(building.rooms):
-            network = networks[room.name]
-            settings, heat = WorkerSettings(seed, _LEVELS, _MAX_GAP, _HOLD), known_heat(network, STEP, whereabouts)
-            worker = ZoneWorker(registry.build(estimator, network, STEP, {}), settings, heat)
+            made = registry.build(estimator, networks[room.name], STEP, {})
+            settings, heat = WorkerSettings(seed, _LEVELS, _MAX_GAP, _HOLD), known_heat(made.network, STEP, whereabouts)
+            worker = ZoneWorker(made, settings, heat)
             beside = [building.rooms[other].name for other in building.neighbours(index)]
             surroundings = Surroundings(
                 limits={HEATER: (0.0, room.heater)}, neighbours={adjacent(other): (other, "T_i") for other in beside}
