@@ -4,6 +4,7 @@ Buildings of EnergyPlus under relays. After two weeks each room is asked at midn
 time with probability PROBABILITY, and the building then lives with that start.
 """
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
 from replay.scores.intervals import Mask
 from service.config.fitting import known_heat
+from service.errors import NoLaw
 from service.forecast.heating import PreheatQuestion
 from service.records.sample import Sample
 from service.zone.foresight.outlook import NO_WEATHER
@@ -122,13 +124,15 @@ class Asking(Controller):
         self._steps = []
 
     def _ask(self, room: int, moment: Moment) -> None:
-        """Nothing where nobody wants it warm on that day."""
+        """Nothing where nobody wants it warm on that day, or nothing is known of the thermostat."""
         use = self._building.rooms[room].use
         ahead = use.warm[0] * HOUR
         if use.set_point(moment.local + ahead) != use.by_day:
             return
-        question = PreheatQuestion(use.by_day, moment.time + ahead, PROBABILITY, TOLERANCE)
-        found = question(self._workers[room], NO_WEATHER, lambda: False)
+        question, found = PreheatQuestion(use.by_day, moment.time + ahead, PROBABILITY, TOLERANCE), None
+        # In a short run a room may have no law yet.
+        with suppress(NoLaw):
+            found = question(self._workers[room], NO_WEATHER, lambda: False)
         if found is not None:
             here = moment.step
             start = here if found.start is None else here + round((found.start - moment.time) / STEP)

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import re
 import struct
 import time
 from contextlib import aclosing
@@ -230,4 +231,7 @@ async def test_a_probe_shows_registers_values_and_what_else_they_might_be():
     assert "exception 2 (illegal data address); check table and register" in refused.verdict
     assert silent.verdict == silent_too.verdict == "no answer within 0.2 s; check unit_id and the device"
     assert len(site.requests(2)) == 1, "a silent unit is asked once"
-    assert meter.hints == ("the counter stands at 21.5", "it moved by 0 within 1.0 s")
+    stands, moved = meter.hints
+    assert stands == "the counter stands at 21.5"
+    # A busy machine may take longer than was asked for, and says so.
+    assert re.fullmatch(r"it moved by 0 within \d+\.\d s", moved)
