@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from support.waiting import wait_until
 
 from replay.bms.background import in_background
 from replay.bms.living.building import design
@@ -44,6 +45,8 @@ def learned(folder: Path, zone: ZoneConfig) -> ZoneWorker:
 def test_the_demo_begins_with_rooms_that_have_learned(tmp_path: Path) -> None:
     with in_background(partial(live, Demo(tmp_path, pace=60.0))) as (path, _):
         config = load(path)
+        # The first row comes a moment after the header.
+        wait_until(lambda: (tmp_path / FILE).read_text().count("\n") > 1)
         header, first = (tmp_path / FILE).read_text().splitlines()[:2]
     assert (tmp_path / STATE).stat().st_mode & 0o077 == 0
     assert len(config.zones) == ROOMS
