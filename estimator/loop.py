@@ -198,29 +198,37 @@ class Loop:
         estimator, inputs = self.estimator, carried.held.values
         drive = self.driving(np.array([float(time)]), inputs[None])[0]
         posterior, verified, issued, vanished, started = self._assimilated(carried, time, outputs, drive, continues)
-        state, day = estimator.predict(posterior.state, drive), with_inputs(carried.day, time, inputs)
-        if verified is not None:
-            verified = self.verification.predict(verified, state, drive, self._seed)
-        ahead = estimator.predictive(state)
-        before = carried.record
+        day, before = with_inputs(carried.day, time, inputs), carried.record
+        standing, ahead = self._predicted(posterior.state, verified, issued, drive)
         record = with_sample(before, time, estimator.period, float(outputs[0]), inputs)
         after = carried._replace(
             day=day,
             record=record,
             vanished=vanished,
-            standing=Standing(state, one_step(estimator, ahead, self._levels), verified, issued),
+            standing=standing,
         )
         if not self._single_steps:
             learns = not started and posterior.outcome is not Outcome.VANISHED
             after = self._thermostat(after, time, outputs, setpoint, started=started, learns=learns)
             after = self._watched(self._issued(after, time), time, outputs, drive)
             assert after.standing is not None
-            if after.standing.state is not state:
+            if after.standing.state is not standing.state:
                 ahead = estimator.predictive(after.standing.state)
         if not self._single_steps and due(estimator.network, before, record, time, int(estimator.period), self._seed):
             after = after._replace(diagnosis=self.diagnose(after))
         scored = carried.standing.forecast if continues and carried.standing is not None else None
         return Step(after, posterior, started, scored, ahead)
+
+    def _predicted(
+        self, state: Any, verified: Verified | None, issued: Issued, drive: Array
+    ) -> tuple[Standing, Mixture]:
+        """What stands after a sample that led to `state`, one period on, and the distribution of the next sample. The
+        estimator and the verification of its forecasts step together: each counts the steps to what is due."""
+        state = self.estimator.predict(state, drive)
+        if verified is not None:
+            verified = self.verification.predict(verified, state, drive, self._seed)
+        ahead = self.estimator.predictive(state)
+        return Standing(state, one_step(self.estimator, ahead, self._levels), verified, issued), ahead
 
     def _watched(self, carried: Carried, time: int, outputs: Array, drive: Array) -> Carried:
         """`carried` with what was measured at `time`, looked through once in lies.EVERY s; when something of it
@@ -250,14 +258,11 @@ class Loop:
     def _gone_back(self, carried: Carried, earlier: Earlier, outputs: Array, drive: Array) -> Carried:
         """`carried` with what had been learned `earlier`. The thermal states begin anew at `outputs` (n_y,), or at what
         was forecast of a missing one; no forecast that waits for its time teaches anything."""
-        estimator, standing = self.estimator, carried.standing
+        standing = carried.standing
         assert standing is not None
         begin = self._believable(carried, outputs)
         posterior, verified, issued = self._restarted(standing._replace(state=earlier.state), begin, drive)
-        state = estimator.predict(posterior.state, drive)
-        if verified is not None:
-            verified = self.verification.predict(verified, state, drive, self._seed)
-        standing = Standing(state, one_step(estimator, estimator.predictive(state), self._levels), verified, issued)
+        standing, _ = self._predicted(posterior.state, verified, issued, drive)
         return carried._replace(standing=standing, vanished=0, live=earlier.live)
 
     def _believable(self, carried: Carried, outputs: Array) -> Array:

@@ -31,6 +31,12 @@ def _without_secrets(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
+def printable(text: str, longest: int = _LONGEST) -> str:
+    """What somebody else wrote, for people: on one line, and of `longest` characters at most."""
+    line = "".join(character if character.isprintable() else " " for character in text[: longest + 1])
+    return line if len(line) <= longest else f"{line[: longest - 3]}..."
+
+
 def listed(names: Sequence[str], most: int) -> str:
     """`names`, of many the first `most` and how many more there are."""
     more = len(names) - most

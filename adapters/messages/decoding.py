@@ -7,6 +7,7 @@ from math import isfinite
 from typing import Any, NamedTuple
 from zoneinfo import ZoneInfo
 
+from adapters.fields.words import printable
 from adapters.messages.config import MessageChannelConfig, quality_word
 from adapters.payload import senml
 from adapters.payload.json_pointer import MISSING, numbers, resolve, written
@@ -41,7 +42,7 @@ class _Refusal(Exception):
     def __init__(self, fault: Fault, sentence: str) -> None:
         super().__init__(sentence)
         # What a publisher writes must neither fill the log nor look like lines of it.
-        self.rejected = Rejected(fault, _printable(sentence, _SENTENCE))
+        self.rejected = Rejected(fault, printable(sentence, _SENTENCE))
 
 
 class Payload:
@@ -79,21 +80,16 @@ def decode(payload: Payload | bytes, form: MessageChannelConfig, near: float) ->
 
 def shown(payload: bytes) -> str:
     """`payload` for people, shortened."""
-    return _printable(payload.decode("utf-8", "backslashreplace"), _SHOWN)
+    return printable(payload.decode("utf-8", "backslashreplace"), _SHOWN)
 
 
 def numbers_in(payload: bytes) -> list[tuple[str, float]]:
     """The first numbers of a JSON document, with the pointers to them as people can read them; [] of anything else."""
     try:
         found = islice(numbers(Payload(payload).parsed("json")), _NUMBERS)
-        return [(_printable(pointer, _SHOWN), number) for pointer, number in found]
+        return [(printable(pointer, _SHOWN), number) for pointer, number in found]
     except _Refusal:
         return []
-
-
-def _printable(text: str, longest: int) -> str:
-    printable = "".join(character if character.isprintable() else " " for character in text[: longest + 1])
-    return printable if len(printable) <= longest else f"{printable[: longest - 3]}..."
 
 
 def _text(payload: Payload) -> str:
@@ -137,7 +133,7 @@ def _number(value: object) -> float:
                 # Python would take digit separators; nobody else does.
                 return float("" if "_" in word else word)
             except ValueError:
-                raise _Refusal(Fault.NON_NUMERIC, f"{_printable(value, _SHOWN)!r} is not a number") from None
+                raise _Refusal(Fault.NON_NUMERIC, f"{printable(value, _SHOWN)!r} is not a number") from None
         value = None
     if value is None:
         raise _Refusal(Fault.NOT_AVAILABLE, "says that there is no value")

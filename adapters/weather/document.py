@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from adapters.errors import SourceUnavailable
+from adapters.fields.words import printable
 from adapters.weather.forecast import Array, WeatherForecast, WeatherSeries, series_of
 
 LONGEST = 4 * 10**6
@@ -19,7 +20,6 @@ _BLOCKS = ("minutely_15", "hourly")
 _UNITS = {"°C": "degC", "°F": "degF", "W/m²": "W/m2", "K": "K"}
 _MOST_AHEAD = 86400.0
 """s that a local time may be ahead of UTC."""
-_LONGEST_SHOWN = 200
 _PRECEDING = ("radiation", "irradiance")
 
 
@@ -38,7 +38,7 @@ def parse(text: bytes, arrived: float) -> WeatherForecast:
     if not isinstance(document, dict):
         raise SourceUnavailable("the document is no JSON object with the block hourly")
     if document.get("error") is True:
-        raise SourceUnavailable(f"the service refuses: {_shown(str(document.get('reason', 'it does not say why')))}")
+        raise SourceUnavailable(f"the service refuses: {printable(str(document.get('reason', 'it does not say why')))}")
     series: dict[str, WeatherSeries] = {}
     for block in reversed(_BLOCKS):
         if block in document:
@@ -56,7 +56,9 @@ def _series(document: Mapping[str, Any], block: str) -> dict[str, WeatherSeries]
         raise SourceUnavailable(f"the block {block} has no list of times called time")
     offset = document.get("utc_offset_seconds", 0)
     if isinstance(offset, bool) or not isinstance(offset, int | float) or not abs(offset) <= _MOST_AHEAD:
-        raise SourceUnavailable(f"utc_offset_seconds is {_shown(repr(offset))}; it must be a number of at most a day")
+        raise SourceUnavailable(
+            f"utc_offset_seconds is {printable(repr(offset))}; it must be a number of at most a day"
+        )
     times = _seconds(columns["time"], float(offset))
     found = {}
     for name, values in columns.items():
@@ -94,12 +96,6 @@ def _seconds(times: list[Any], offset: float) -> Array:
                 raise ValueError
         except (ValueError, OverflowError):
             raise SourceUnavailable(
-                f"{_shown(repr(value))} is no time; write 2026-01-31T12:00 or seconds since 1970"
+                f"{printable(repr(value))} is no time; write 2026-01-31T12:00 or seconds since 1970"
             ) from None
     return seconds
-
-
-def _shown(told: str) -> str:
-    """What a document says for people: on one line, and shortened."""
-    line = "".join(character if character.isprintable() else " " for character in told[: _LONGEST_SHOWN + 1])
-    return line if len(line) <= _LONGEST_SHOWN else f"{line[: _LONGEST_SHOWN - 3]}..."

@@ -89,12 +89,6 @@ class KnownHeat:
                 known[f"sun_{hour:02}"] = timely.shares[:, place] * known[HORIZONTAL]
         return np.column_stack([inputs, *(known[self._series[column]] for column in self._columns)])
 
-    def row(self, time: float, inputs: Array) -> Array:
-        """The drive row (n_u + m,) of the interval that begins at `time` [UTC s], under `inputs` (n_u,)."""
-        if not self._columns:
-            return inputs
-        return self.drive(np.array([time]), inputs[None])[0]
-
     def _timely(self, times: Array) -> _Timely:
         """What depends on `times` (L,) alone; computed for a day at once where they lie on the grid of the period, in
         no more days than are kept."""

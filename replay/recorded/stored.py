@@ -14,11 +14,10 @@ from tqdm import tqdm
 
 from replay.errors import ReplayError
 from replay.localtime import DAY
-from replay.recorded.trace import Trace, Tracer, room_of
+from replay.recorded.trace import Trace, Tracer, known_by
 from service.config.fitting import fingerprint, make_worker
 from service.config.site import ZoneConfig
 from service.errors import StateMismatch
-from service.forecast.learned import learned_laws
 from service.recordings.samples import SLOW
 from service.records.history import HistoryRow
 from service.records.sample import Sample
@@ -91,7 +90,7 @@ def _trace(state: StoredState, zone: ZoneConfig, start: int, tick: Callable[[int
         if update is not None:
             tracer.note(update)
         tick(1)
-    trace = tracer.trace({})
+    trace = tracer.course({})
     if not trace.rows:
         return trace
     published = {row.time: row for row in state.journal.history(zone.id, trace.rows[0].time, None, _MOST_ROWS)}
@@ -100,13 +99,7 @@ def _trace(state: StoredState, zone: ZoneConfig, start: int, tick: Callable[[int
     if checkpoint is not None and not checkpoint.is_beginning:
         worker = make_worker(zone)
         snapshot.restore(worker, checkpoint)
-    return trace._replace(
-        skill=worker.skill(),
-        diagnosis=worker.diagnosis(),
-        trust=worker.trust,
-        laws=learned_laws(worker),
-        room=room_of(zone, worker, rows, trace.inputs),
-    )
+    return known_by(worker, zone, trace)
 
 
 def _kept(published: HistoryRow, learned: HistoryRow) -> HistoryRow:

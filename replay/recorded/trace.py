@@ -1,7 +1,7 @@
 """What a zone's worker went through over a period, for the report of it."""
 
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -68,10 +68,10 @@ class Trace(NamedTuple):
     heat_loss: Array
     """(M, 3): quantiles at LEVELS [W/K]."""
     fans: list[Fan]
-    skill: Skill | None
-    diagnosis: Diagnosis
     faults: Mapping[str, int]
     """Refused readings by kind."""
+    skill: Skill | None = None
+    diagnosis: Diagnosis = Diagnosis()
     notes: tuple[str, ...] = ()
     """Sentences on where these figures come from."""
     laws: tuple[LearnedLaw, ...] = ()
@@ -104,12 +104,22 @@ class Trace(NamedTuple):
         return gain if np.isfinite(gain).any() else gain[:0]
 
 
-def room_of(zone: ZoneConfig, worker: ZoneWorker, rows: Sequence[HistoryRow], inputs: Array) -> Room | None:
-    """How the `zone` did in the last days of `rows`, with the `inputs` (K, n_u) that were in force, as its `worker` has
-    come to know it; None without a row."""
+def known_by(worker: ZoneWorker, zone: ZoneConfig, trace: Trace) -> Trace:
+    """`trace` with all that the `worker` of its `zone` has come to know."""
+    return trace._replace(
+        skill=worker.skill(),
+        diagnosis=worker.diagnosis(),
+        trust=worker.trust,
+        laws=learned_laws(worker),
+        room=_room_of(worker, zone, trace),
+    )
+
+
+def _room_of(worker: ZoneWorker, zone: ZoneConfig, trace: Trace) -> Room | None:
+    """How the room did over the last days; None without a sample."""
+    rows, inputs = trace.rows[-_ROOM_DAYS * DAY // worker.period :], trace.inputs
     if not rows:
         return None
-    rows = rows[-_ROOM_DAYS * DAY // worker.period :]
     names = ("time", "y", "setpoint", *GAIN)
     told = np.array([[getattr(row, name) for name in names] for row in rows], dtype=np.float64)
     times, y, setpoint, *gain = told.T
@@ -162,8 +172,11 @@ class Tracer:
 
     def trace(self, faults: Mapping[str, int]) -> Trace:
         """Everything that was noted, with what the worker knows now. `faults` are those of its alignment."""
+        return known_by(self._worker, self._zone, self.course(faults))
+
+    def course(self, faults: Mapping[str, int]) -> Trace:
+        """Everything that was noted, without what is known in the end."""
         zone, worker, count = self._zone, self._worker, len(self._rows)
-        inputs = np.array(self._inputs).reshape(count, len(worker.network.inputs))
         return Trace(
             zone=zone.id,
             network=worker.network,
@@ -172,16 +185,11 @@ class Tracer:
             level=zone.levels[0],
             options=registry.as_mapping(zone.options),
             rows=self._rows,
-            inputs=inputs,
+            inputs=np.array(self._inputs).reshape(count, len(worker.network.inputs)),
             looks=np.array(self._looks, dtype=np.int64),
             parameters=np.array(self._parameters).reshape(-1, len(worker.network.parameters), len(LEVELS)),
             heat_loss=np.array(self._heat_loss).reshape(-1, len(LEVELS)),
             fans=self._fans,
-            skill=worker.skill(),
-            diagnosis=worker.diagnosis(),
-            laws=learned_laws(worker),
-            room=room_of(zone, worker, self._rows, inputs),
-            trust=worker.trust,
             time_zone=zone.whereabouts.time_zone,
             faults=faults,
         )

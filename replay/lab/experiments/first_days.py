@@ -30,7 +30,7 @@ from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, built, steps
 from replay.experiments.study import Figures, Results, Study, targets
 from replay.lab.experiments.recordings import FIRST_DAY, energyplus_room
-from replay.lab.experiments.rooms import FILES, read_room
+from replay.lab.experiments.rooms import FILES, check_folder, read_room
 from replay.localtime import DAY
 from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
@@ -78,8 +78,7 @@ def prepare(request: Request) -> Study:
     for name in request.recording:
         if name not in names:
             raise ReplayError(f"--recording {name}: there is none; the sites are {', '.join(names)}")
-    if request.file is not None and not any((request.file / path).exists() for path in FILES):
-        raise ReplayError(f"--data {request.file}: it holds none of {', '.join(FILES)}")
+    check_folder(request.file, FILES)
     sites = {
         entry["name"]: rooms
         for entry in entries

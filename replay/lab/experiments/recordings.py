@@ -56,8 +56,7 @@ def at_hand(folder: Path | None, names: Sequence[str]) -> list[Recording]:
     One sentence in the log says what EnergyPlus would add. Raises ReplayError where `folder` holds no recording, and
     where one of `names` is not there.
     """
-    if folder is not None and not any((folder / path).exists() for path in FILES):
-        raise ReplayError(f"--data {folder}: it holds none of {', '.join(FILES)}")
+    rooms.check_folder(folder, FILES)
     unknown = [name for name in names if name not in RECORDINGS]
     if unknown:
         raise ReplayError(f"--recording {unknown[0]}: there is none; there are {', '.join(RECORDINGS)}")

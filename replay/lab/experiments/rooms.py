@@ -5,7 +5,7 @@
 
 import csv
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime, timedelta, timezone
 from importlib.resources import files
@@ -67,6 +67,12 @@ def _read() -> Iterator[tuple[str, Room]]:
 ROOMS: Mapping[str, Room] = dict(_read())
 """By the name of the recording."""
 FILES = tuple(dict.fromkeys(room.file for room in ROOMS.values()))
+
+
+def check_folder(folder: Path | None, files: Sequence[str]) -> None:
+    """ReplayError where a `folder` was given that holds none of `files`."""
+    if folder is not None and not any((folder / path).exists() for path in files):
+        raise ReplayError(f"--data {folder}: it holds none of {', '.join(files)}")
 
 
 def read_room(name: str, folder: Path | None) -> Recording | None:

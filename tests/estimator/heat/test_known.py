@@ -39,8 +39,8 @@ def of(net, drive, name):
 def test_without_terms_the_drive_is_the_inputs():
     times, inputs, drive = rows(ROOM)
     assert drive is inputs
-    first = inputs[0]
-    assert KnownHeat(ROOM, 600.0, calendar).row(times[0], first) is first
+    first = inputs[:1]
+    assert KnownHeat(ROOM, 600.0, calendar).drive(times[:1], first) is first
 
 
 def test_habits_are_hats_of_the_local_hour_that_add_up_to_one():
@@ -63,7 +63,7 @@ def test_one_row_is_the_row_of_many():
     times, inputs, drive = rows(net)
     known = KnownHeat(net, 600.0, calendar, PLACE)
     for k in (0, 50, 200):
-        np.testing.assert_array_equal(known.row(times[k], inputs[k]), drive[k])
+        np.testing.assert_array_equal(known.drive(times[k : k + 1], inputs[k : k + 1])[0], drive[k])
     np.testing.assert_array_equal(known.drive(times[::-5], inputs[::-5]), drive[::-5])
     assert len(known.drive(times[:0], inputs[:0])) == 0
     # Beside the grid of the period it is nearly the same.
