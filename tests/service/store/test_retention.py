@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from support.fake_zones import make_sample, make_update
 from support.kept import Kept
-from support.waiting import until
+from support.waiting import PATIENCE
 
 from adapters.fields.times import written_time
 from adapters.reading import Quality, Reading
@@ -175,8 +175,11 @@ async def test_checkpoints_that_cannot_be_listed_keep_the_samples_of_their_zone_
 
     monkeypatch.setattr(store.checkpoints, "oldest", oldest)
     keeping = asyncio.create_task(store.keep_within(Limits(10.0 * STEP, FOREVER)))
-    await until(lambda: steps_of(store.journal, "living")[0][0] == 89)
+    # A journal is for one thread at a time, and here its store is at work.
+    async with asyncio.timeout(PATIENCE):
+        while (await store.run(steps_of, store.journal, "living"))[0][0] != 89:
+            await asyncio.sleep(0.01)
     keeping.cancel()
-    assert steps_of(store.journal, "bedroom")[0] == list(range(100))
+    assert (await store.run(steps_of, store.journal, "bedroom"))[0] == list(range(100))
     store.close()
     assert "every sample of zone 'bedroom' stays in the journal: the checkpoints in" in caplog.text
