@@ -248,8 +248,8 @@ def test_the_fan_says_where_its_inputs_come_from(serve: Any, visit: Any) -> None
     page = opened(visit, house).page
     page.wait_for_selector("text=With the inputs as foreseen below, the lowest is")
     assert page.locator(".origins li").all_inner_texts() == [
-        "Outdoors: weather forecast “forecast”, 2 h old, as far as it reaches, then as it is now",
-        "Next door: as it went yesterday",
+        "Outdoors: weather forecast “forecast”, 2 h old, as far as it reaches",
+        "Next door: as usual at that hour",
         "Heating: as it is now (measured 60 s ago)",
     ]
     page.locator(".plan-box button", has_text="Off", has_not_text="until").click()
