@@ -43,16 +43,18 @@ class ChannelConfig(BaseModel):
         default=None, description="power in `%`: the power at 100 %, in the network's unit"
     )
     rollover: Positive | None = Field(default=None, description="counters: raw value at which it starts again from 0")
-    aggregate: Text = Field(default="mean", description="how the readings of an interval become one value")
+    aggregate: Text = Field(
+        default="mean", description="how the readings of an interval become one value; of power `first` by default"
+    )
     valid: Range | None = Field(
-        default=None, description="two numbers, the smallest and the largest believable value in the network's unit"
+        default=None, description="the smallest and the largest believable value, in the network's unit"
     )
     max_age: Duration | None = Field(default=None, description="inputs: how long a missing value is held")
     installed: Positive | None = Field(default=None, description="power: the largest that can be planned")
     share: Share | None = Field(
-        default=None, description="meter of several zones: a name of it, the same in each, or the zone's likely share"
+        default=None, description="meter of several zones: a name for it, the same in each, or the zone's likely share"
     )
-    forecast: ForecastConfig | None = Field(default=None, description="inputs: the weather forecast that foresees it")
+    forecast: ForecastConfig | None = Field(default=None, description="inputs: the weather forecast for it")
 
     @property
     def address(self) -> str:

@@ -157,14 +157,16 @@ def _default(model: type[BaseModel], name: str, field: FieldInfo) -> str | None:
         return "required"
     if issubclass(model, ChannelConfig) and value is None:
         for source in _sources(model):
-            if name in source.model_fields:
+            # What a source has to name is its channels' to leave out.
+            if name in source.model_fields and not source.model_fields[name].is_required():
                 value = source.model_fields[name].default
     if value is PydanticUndefined:
         return None if "none:" in (field.description or "") else "required"
     if value is None:
         return None
     if isinstance(value, BaseModel):
-        return "`{}`" if not value.model_fields_set else f"`{value.model_dump(exclude_unset=True)}`"
+        given = [f"{key} = {_toml(one, '')}" for key, one in value.model_dump(exclude_unset=True).items()]
+        return f"`{{ {', '.join(given)} }}`" if given else "`{}`"
     return f"`{_toml(value, _shape(field))}`"
 
 

@@ -184,7 +184,7 @@ class BoxConfig(BaseModel):
     model_config = TABLE
 
     floor_area: Annotated[tuple[float, float], PlainValidator(_floor_area)] = Field(
-        description="the heated floor area in m2, such as 120, or a range such as [80, 200]"
+        description="the heated floor area in m2: a number, or a range such as [80, 200]"
     )
     propose: Flag = Field(default=False, description="a finding proposes narrower bounds after a week")
 

@@ -98,10 +98,10 @@ class SiteConfig(BaseModel):
         default=None, description='country or part of one, such as `"DE-BW"`, whose public holidays count as weekends'
     )
     construction: Construction | None = Field(
-        default=None, description="how heavy it is built, where a zone says nothing"
+        default=None, description="weight of the construction, for zones without the key"
     )
     built: Built | None = Field(default=None, description="year of construction or last insulation, likewise")
-    use: Use | None = Field(default=None, description="what its rooms are used for, likewise")
+    use: Use | None = Field(default=None, description="use of the rooms, likewise")
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -138,26 +138,26 @@ class ZoneTable(BaseModel):
 
     id: Identifier = Field(description='the name of the zone, such as "living"')
     period: Period = Field(description='the sampling period, such as "5min"')
-    network: NetworkConfig = Field(description='a preset such as "titeth", or a [zones.network] table')
+    network: NetworkConfig = Field(description='a preset such as "auto", or a [zones.network] table')
     estimator: Text = Field(
         default=DEFAULT_ESTIMATOR,
-        description='an estimator: `"bank"`, `"rbpf"`, `"ekf"`, `"ukf"`, `"mkf"`, `"arx"`, `"daily"`, `"direct"`',
+        description='estimator: `"bank"`, `"rbpf"`, `"ekf"`, `"ukf"`, `"mkf"`, `"arx"`, `"daily"`, `"direct"`',
     )
     seed: Annotated[int, BeforeValidator(whole(0, 2**63 - 1))] = Field(
         description="seed of the random numbers; none: CRC-32 of `site/zone`"
     )
     habits: Flag | None = Field(
-        default=None, description="whether people heat it every day at the same hours; none: for `auto`"
+        default=None, description="whether it learns heat by the hour of the day; none: true for `auto`"
     )
     sun: Annotated[str | bool | None, BeforeValidator(_sun)] = Field(
-        default=None, description="how the sun comes in; none: for `auto`, as well as it can"
+        default=None, description="how the sun comes in; none: for `auto`, the best that its channels allow"
     )
     floor_area: Annotated[float | None, BeforeValidator(number_between(1, 100_000, "m2"))] = Field(
-        default=None, description="floor area, which scales what is thought of it at first"
+        default=None, description="floor area, which scales the priors"
     )
-    construction: Construction | None = Field(default=None, description="how heavy it is built; none: the site's")
+    construction: Construction | None = Field(default=None, description="weight of the construction; none: the site's")
     built: Built | None = Field(default=None, description="year of construction or last insulation; none: the site's")
-    use: Use | None = Field(default=None, description="what it is used for; none: the site's")
+    use: Use | None = Field(default=None, description="use; none: the site's")
     levels: Levels = Field(default=(0.95,), min_length=1, description="a list of levels, such as [0.5, 0.95]")
     max_gap: Annotated[int, BeforeValidator(whole(0, 1_000_000))] = Field(
         default=12, description="steps without a measured temperature that prediction bridges"

@@ -255,7 +255,7 @@ def test_the_fan_says_where_its_inputs_come_from(serve: Any, visit: Any) -> None
     page.locator(".plan-box button", has_text="Off", has_not_text="until").click()
     page.wait_for_selector("text=Heating: as planned")
     page.locator("#language").select_option("de")
-    page.wait_for_selector("text=Nebenan: wie gestern verlaufen")
+    page.wait_for_selector("text=Nebenan: wie um diese Zeit üblich")
 
 
 MEASURING = """() => {
