@@ -30,6 +30,10 @@ _LARGEST = 64 * 2**20
 _LOOK_BACK = 100
 """Steps in which the newest value of a channel is searched."""
 
+_LATER = (HTTPStatus.TOO_MANY_REQUESTS,)
+_POSTED_LATER = (*_LATER, HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN, HTTPStatus.NOT_FOUND)
+"""Statuses below 500 of what may succeed later."""
+
 _SAID = 200
 """Characters of an error that the database tells at most."""
 
@@ -59,7 +63,8 @@ class Server:
             raise SourceUnavailable(f"{self.url} does not answer in JSON; is another server there?") from error
 
     def post(self, path: str, parameters: Mapping[str, str], body: bytes) -> None:
-        """Post the text `body` to `path`. Raises as `ask` does."""
+        """Post the text `body` to `path`. Raises as `ask` does, but SourceUnavailable for a login or a database that
+        there is not yet: what is posted need not be lost for that."""
         self._answered(path, parameters, body)
 
     def _answered(self, path: str, parameters: Mapping[str, str], posted: bytes | None = None) -> bytes:
@@ -75,13 +80,13 @@ class Server:
         except urllib.error.HTTPError as error:
             with error:
                 said = error.read(_SAID).decode("utf-8", "replace").strip()
-            if error.code in (401, 403):
-                raise SourceConfigError(
-                    f"{self.url} refuses the login ({error.code}); check user and password"
-                ) from error
-            if error.code < 500 and error.code != HTTPStatus.TOO_MANY_REQUESTS:
-                raise SourceConfigError(f"{self.url} refuses the question ({error.code}: {said})") from error
-            raise SourceUnavailable(f"{self.url} answers {error.code} {said}") from error
+            sentence = f"{self.url} answers {error.code} {said}"
+            if error.code in (HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN):
+                sentence = f"{self.url} refuses the login ({error.code}); check user and password"
+            elif error.code < 500:
+                sentence = f"{self.url} refuses the question ({error.code}: {said})"
+            later = error.code >= 500 or error.code in (_LATER if posted is None else _POSTED_LATER)
+            raise (SourceUnavailable if later else SourceConfigError)(sentence) from error
         except (OSError, ValueError, HTTPException) as error:
             reason = getattr(error, "reason", None) or error
             raise SourceUnavailable(f"{self.url} cannot be reached ({reason}); check url and network") from error

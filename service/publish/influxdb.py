@@ -110,7 +110,8 @@ class Writer(Sink):
         self._write = write
         self._waiting: deque[_Waiting] = deque()
         self._held = self._dropped = 0
-        self._reached: bool | None = None
+        self._told: type[SourceError] | bool | None = None
+        """What the log said last: that lines arrive, or what kind of error keeps them."""
         self._news = threading.Condition()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._attend, name="influxdb-writer", daemon=True)
@@ -132,7 +133,7 @@ class Writer(Sink):
     def measures(self) -> list[Measure]:
         """Whether the lines arrive, and what did not."""
         return [
-            Measure.called("thermogate_influxdb_connected", lambda: single(float(bool(self._reached)))),
+            Measure.called("thermogate_influxdb_connected", lambda: single(float(self._told is True))),
             Measure.called("thermogate_influxdb_documents_dropped", lambda: single(float(self._dropped))),
         ]
 
@@ -151,7 +152,8 @@ class Writer(Sink):
             try:
                 self._write("".join(line for one in batch for line in lines_of(one.topic, one.document, one.announced)))
             except SourceUnavailable as error:
-                self._report(False, f"{error}; what is announced waits for it, {MOST_WAITING / 2**20:.0f} MiB at most")
+                waits = f"what is announced waits for it, {MOST_WAITING / 2**20:.0f} MiB at most"
+                self._report(SourceUnavailable, f"{error}; {waits}")
                 with self._news:
                     self._waiting.extendleft(reversed(batch))
                     self._held += sum(len(one.document) for one in batch)
@@ -161,7 +163,7 @@ class Writer(Sink):
                 pause.grow()
             except SourceError as error:
                 # It would be refused again, and what comes after it has to wait no longer.
-                self._report(False, f"{error}; what is refused is dropped")
+                self._report(type(error), f"{error}; what is refused is dropped")
                 self._dropped += len(batch)
             else:
                 self._report(True, "lines arrive")
@@ -185,11 +187,11 @@ class Writer(Sink):
             self._held -= len(self._waiting.popleft().document)
             self._dropped += 1
 
-    def _report(self, reached: bool, sentence: str) -> None:
+    def _report(self, told: type[SourceError] | bool, sentence: str) -> None:
         """Log `sentence` where it is not as it was."""
-        if reached is not self._reached:
-            _log.log(logging.INFO if reached else logging.ERROR, "[influxdb]: %s", sentence)
-        self._reached = reached
+        if told is not self._told:
+            _log.log(logging.INFO if told is True else logging.ERROR, "[influxdb]: %s", sentence)
+        self._told = told
 
 
 def lines_of(topic: str, document: bytes, announced: float) -> Iterator[str]:

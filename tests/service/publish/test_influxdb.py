@@ -142,10 +142,11 @@ def test_a_database_has_what_was_announced_while_it_was_away(tmp_path: Path, cap
     port = free_port()
     (tmp_path / "password").write_text("test-only\n")
     login = {"url": f"http://127.0.0.1:{port}", "user": "reader", "password_file": tmp_path / "password"}
-    sink, missing = opened(database="house", **login), None
+    topics = len(everything().topics)
+    sinks = [opened(database="house", **login)]
     try:
         for step in (1, 2):
-            sink.publish(everything(step))
+            sinks[0].publish(everything(step))
         wait_until(lambda: "cannot be reached" in caplog.text)
         with influx.server(tmp_path, port) as table:
             wait_until(lambda: "[influxdb]: lines arrive" in caplog.text)
@@ -155,21 +156,28 @@ def test_a_database_has_what_was_announced_while_it_was_away(tmp_path: Path, cap
             assert series["values"] == [[seconds(one, "valid_time"), one["mean"], one["sd"]] for one in told]
             tags = {"db": "house", "q": 'SHOW TAG VALUES FROM thermogate_status WITH KEY IN ("site", "zone")'}
             assert all(name in influx.post(table, "/query", tags) for name in ("htwg", "living"))
-            assert caplog.text.count("cannot be reached") == 1
-            assert dropped(sink) == 0
+            assert caplog.text.count("what is announced waits") == 1
 
-            missing = opened(database="nowhere", **login)
-            missing.publish(everything())
-            wait_until(lambda: dropped(missing) == len(everything().topics))
-            missing.publish(everything())
-            wait_until(lambda: dropped(missing) == 2 * len(everything().topics))
+            sinks.append(opened(database="later", **login))
+            sinks[1].publish(everything())
+            wait_until(lambda: "database not found" in caplog.text)
+            influx.post(table, "/query", {"q": "CREATE DATABASE later"})
+            wait_until(lambda: caplog.text.count("[influxdb]: lines arrive") == 2)
+            assert [dropped(sink) for sink in sinks] == [0, 0]
+
+            # A field keeps the type with which it was first written.
+            influx.post(table, "/query", {"q": "CREATE DATABASE other"})
+            other = f"thermogate_forecast quality=1.0 {seconds(told[1], 'valid_time'):.0f}000000000"
+            influx.post(table, "/write", {"db": "other"}, other.encode())
+            sinks.append(opened(database="other", **login))
+            for count in (1, 2):
+                sinks[2].publish(everything())
+                wait_until(lambda count=count: dropped(sinks[2]) == count * topics)
             assert caplog.text.count("what is refused is dropped") == 1
-            assert "database not found" in caplog.text
     finally:
-        for one in (sink, missing):
-            if one is not None:
-                one.close()
-                one.close()
+        for sink in sinks:
+            sink.close()
+            sink.close()
 
 
 def test_a_database_that_never_answers_holds_nobody_up() -> None:
