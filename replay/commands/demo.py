@@ -17,7 +17,9 @@ _HTTP_PORT, _ZENOH_PORT = 8080, 7447
 def add_to(add: AddCommand) -> None:
     """Add the command by `add(name, command, text)`."""
     demo = add(
-        "demo", _demo, "Run the daemon on a simulated building that lives in its own time and that you can disturb."
+        "demo",
+        _demo,
+        "Run the daemon on a simulated building that runs faster than real time and that you can disturb.",
     )
     demo.add_argument(
         "--directory", type=Path, metavar="DIR", help="keep files and state here (default: a temporary folder)"

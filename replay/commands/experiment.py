@@ -15,7 +15,9 @@ _DEFAULT_OUT = Path("var/experiments")
 
 def add_to(add: AddCommand) -> None:
     """Add the command by `add(name, command, text)`."""
-    parser = add("experiment", _experiment, "Score the method on simulated or recorded buildings; writes a report.")
+    parser = add(
+        "experiment", _experiment, "Score forecasts and parameters on simulated or recorded buildings, into a report."
+    )
     listed = "; ".join(f"{name}: {entry.text}" for name, entry in EXPERIMENTS.items())
     parser.add_argument("name", choices=EXPERIMENTS, metavar="NAME", help=listed)
     parser.add_argument(
@@ -24,7 +26,7 @@ def add_to(add: AddCommand) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="data instead of the built-in: a CSV file; for hours-ahead the folder of the data",
+        help="recorded data: a CSV file; hours-ahead, first-days: the folder of the recordings",
     )
     parser.add_argument(
         "--seeds",
@@ -38,19 +40,28 @@ def add_to(add: AddCommand) -> None:
         "--out", type=Path, metavar="DIR", help=f"folder for runs and report (default {_DEFAULT_OUT}/NAME)"
     )
     parser.add_argument(
-        "--days", type=whole(1, 3660), metavar="N", help="only the first N days of the data; control: how many days"
+        "--days",
+        type=whole(1, 3660),
+        metavar="N",
+        help="only the first N days of the data; control, first-days, preheat: how many days",
     )
     parser.add_argument("--particles", type=whole(50, 1_000_000), metavar="N", help="particles of every RBPF")
-    parser.add_argument("--config", type=Path, metavar="CONFIG", help="a configuration whose zone is meant")
     parser.add_argument(
-        "--state", type=Path, metavar="STATE_DIR", help="the live history of a daemon instead of a recording (topology)"
+        "--config", type=Path, metavar="CONFIG", help="configuration with the zone (topology, hours-ahead)"
+    )
+    parser.add_argument(
+        "--state", type=Path, metavar="STATE_DIR", help="state folder of a daemon, in place of a recording (topology)"
     )
     parser.add_argument("--zone", metavar="ID", help="which zone of --config or --state (default: its only one)")
     for name, value, meaning in (
-        ("--building", "NAME", "a building of EnergyPlus (control; repeatable)"),
+        ("--building", "NAME", "a building of EnergyPlus (control, preheat, lies; repeatable)"),
         ("--case", "NAME", "one case (control; repeatable)"),
-        ("--recording", "NAME", "one recording (hours-ahead; repeatable)"),
-        ("--contender", "NAME[:OPTIONS]", "who forecasts, such as bank or mkf:particles=64 (hours-ahead; repeatable)"),
+        ("--recording", "NAME", "one recording (hours-ahead) or site (first-days); repeatable"),
+        (
+            "--contender",
+            "NAME[:OPTIONS]",
+            "what takes part, such as bank or mkf:particles=64 (hours-ahead, first-days; repeatable)",
+        ),
     ):
         parser.add_argument(name, action="append", default=[], metavar=value, help=meaning)
     parser.add_argument(

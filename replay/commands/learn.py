@@ -14,7 +14,7 @@ def add_to(add: AddCommand) -> None:
         "learn",
         _learn,
         "Take recorded history into the state of the configured zones, so that the daemon starts as if it had been "
-        "running. Ctrl-C stops it at any time; called again, it goes on.",
+        "running. After Ctrl-C, the same command continues.",
     )
     take_config(parser)
     parser.add_argument(

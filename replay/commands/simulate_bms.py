@@ -22,7 +22,7 @@ def add_to(add: AddCommand) -> None:
             _endpoint,
             "tcp/127.0.0.1:7448",
             "ENDPOINT",
-            'where the BMS listens for Zenoh, "off" for nowhere',
+            'endpoint that Zenoh listens on, "off" for none',
         ),
         "--bacnet": (
             _bacnet,
@@ -31,7 +31,7 @@ def add_to(add: AddCommand) -> None:
             'UDP port of the BACnet/IP devices (such as 47808), 0 for any free one, "off" for none',
         ),
         "--pace": (number(SMALLEST_PACE, LARGEST_PACE), "60", "X", "simulated seconds per second, at most 3600"),
-        "--seed": (whole(0, 2**63 - 1), "1", "N", "of building, weather and people"),
+        "--seed": (whole(0, 2**63 - 1), "1", "N", "seed of building, weather and people"),
     }
     add_options(parser, options)
     parser.add_argument(

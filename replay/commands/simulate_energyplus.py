@@ -28,7 +28,7 @@ def add_to(add: AddCommand) -> None:
         "--heating": (str, "on-off", "NAME", "on-off, proportional or planned"),
         "--begin": (_day, _FIRST_DAY, "DATE", "first day"),
         "--days": (whole(1, 3660), "28", "N", "how many days"),
-        "--seed": (whole(0, 2**63 - 1), "1", "N", "of the people"),
+        "--seed": (whole(0, 2**63 - 1), "1", "N", "seed of the people"),
     }
     add_options(parser, options)
 

@@ -10,7 +10,7 @@ from service.cli.arguments import AddCommand, load_config, positive, take_config
 def add_to(add: AddCommand) -> None:
     parser = add("fleet", _chosen, "Run the zones of a site on the machines of a Ray cluster, with a [fleet] table.")
     parser.add_argument(
-        "what", choices=("run", "status"), help="run until SIGTERM or Ctrl-C; show how the fleet is doing"
+        "what", choices=("run", "status"), help="run: until SIGTERM or Ctrl-C; status: show every member"
     )
     take_config(parser)
     parser.add_argument(
@@ -20,7 +20,7 @@ def add_to(add: AddCommand) -> None:
         help='the Ray cluster, such as "10.0.0.1:6379" (default: the one on this machine)',
     )
     parser.add_argument("--json", action="store_true", help="status: as JSON, on one line")
-    parser.add_argument("--every", type=positive, metavar="SECONDS", help="status: again and again, until interrupted")
+    parser.add_argument("--every", type=positive, metavar="SECONDS", help="status: repeat it, until interrupted")
 
 
 def _chosen(arguments: argparse.Namespace) -> int:

@@ -27,15 +27,18 @@ def add_to(add: AddCommand) -> None:
     parser = add(
         "health",
         _health,
-        "Ask a running daemon how it is: one line, and exit code 0 for good, 1 for zones without telemetry, 2 for a "
-        "daemon that does not answer or zones that fail, 3 where it cannot be told.",
+        "Check a running daemon: one line, and exit code 0 for good, 1 for zones without telemetry, 2 for a daemon "
+        "that does not answer or zones that fail, 3 for unknown.",
     )
     parser.add_argument(
-        "--url", default="http://127.0.0.1:8080", metavar="URL", help="where it serves (default http://127.0.0.1:8080)"
+        "--url",
+        default="http://127.0.0.1:8080",
+        metavar="URL",
+        help="address of the daemon (default http://127.0.0.1:8080)",
     )
-    parser.add_argument("--alive", action="store_true", help="ask only whether the process is alive; needs no key")
+    parser.add_argument("--alive", action="store_true", help="check only whether the process is alive; needs no key")
     parser.add_argument("--key-file", type=Path, metavar="FILE", help="a file with an API key and nothing else")
-    ca = "PEM of who signed the daemon's certificate (default: the system's)"
+    ca = "PEM file of the authority that signed the daemon's certificate (default: the system's)"
     parser.add_argument("--ca-file", type=Path, metavar="FILE", help=ca)
     parser.add_argument(
         "--timeout", type=positive, default=10.0, metavar="SECONDS", help="how long to wait for an answer (default 10)"

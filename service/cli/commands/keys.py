@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 
 def add_to(add: AddCommand) -> None:
-    parser = add("keys", _keys, "Create, list or revoke the API keys of a daemon; it need not be restarted.")
+    parser = add("keys", _keys, "Create, list or revoke the API keys of a daemon, which may be running.")
     parser.add_argument("action", choices=("create", "list", "revoke"), help="what to do")
     take_config(parser)
     parser.add_argument("name", nargs="?", metavar="NAME", help="name of the key, an id such as grafana")
     parser.add_argument(
         "--scope",
         choices=("read", "write", "admin"),
-        help="create: read for what is served, write for posting readings alone, admin for everything",
+        help="create: read: what is served; write: only to post readings; admin: everything",
     )
     zone = "create: for this zone only; may be given several times"
     parser.add_argument("--zone", action="append", metavar="ID", help=zone)

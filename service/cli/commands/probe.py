@@ -25,9 +25,11 @@ _LARGEST_DEVICE = 4194302
 
 
 def add_to(add: AddCommand) -> None:
-    parser = add("probe", _probe, "Read every channel once and show what is made of it; 0 if all is good, 1 otherwise.")
+    parser = add(
+        "probe", _probe, "Read every channel once and show its value; exit code 0 if all are good, 1 otherwise."
+    )
     take_config(parser)
-    parser.add_argument("--source", metavar="NAME", help="look at the channels of this source only (default: all)")
+    parser.add_argument("--source", metavar="NAME", help="the channels of this source only (default: all)")
     parser.add_argument(
         "--seconds",
         type=_seconds,

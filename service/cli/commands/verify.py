@@ -8,7 +8,9 @@ from service.cli.arguments import AddCommand
 
 
 def add_to(add: AddCommand) -> None:
-    parser = add("verify", _verify, "Look through a state folder or a backup; exit code 1 if anything is damaged.")
+    parser = add(
+        "verify", _verify, "Check every file of a state folder or a backup; exit code 1 if anything is damaged."
+    )
     parser.add_argument("path", type=Path, metavar="PATH", help="the folder that site.state_dir names, or a backup")
     take_signer(parser)
 
