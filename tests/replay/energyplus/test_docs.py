@@ -34,7 +34,7 @@ def test_ways_of_heating_are_those_in_force() -> None:
 
 
 def test_files_are_those_in_force() -> None:
-    assert [row[0].strip("`") for row in rows("Recording one")] == [RECORDING, CONFIGURATION, TRUTH, HEAT_LOSS]
+    assert [row[0].strip("`") for row in rows("Record")] == [RECORDING, CONFIGURATION, TRUTH, HEAT_LOSS]
     assert all(f"`{name}`" in PAGE for name in Truth._fields)
 
 
