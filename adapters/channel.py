@@ -47,7 +47,7 @@ class ChannelConfig(BaseModel):
         default="mean", description="how the readings of an interval become one value; of power `first` by default"
     )
     valid: Range | None = Field(
-        default=None, description="the smallest and the largest believable value, in the network's unit"
+        default=None, description="two numbers, the smallest and the largest believable value in the network's unit"
     )
     max_age: Duration | None = Field(default=None, description="inputs: how long a missing value is held")
     installed: Positive | None = Field(default=None, description="power: the largest that can be planned")
