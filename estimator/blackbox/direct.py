@@ -5,10 +5,10 @@ every input over [k, k+h), over the last 1 and 3 h of that and over the last 1, 
 of the target's hour. Between the leads forecasts are interpolated; beyond a day the forecast of the first is the past
 of the second. (Direct against iterated forecasts: Marcellino, Stock and Watson 2006.)
 
-Nothing is trusted before it is verified. Regressions are fitted once a day, and every forecast that could have been
-made with the coefficients of its time is held to what came: by how much the changes that they foretell are to be
-believed (between 0, which is persistence, and 1), and the spread, follow from that. No forecast changes by more than
-was ever seen to change in that time.
+Regressions are fitted once a day, and every forecast that could have been made with the coefficients of its time is
+held to what came: by how much the changes that they foretell are to be believed (between 0, which is persistence, and
+1), and the spread, follow from that. Until then half of a change within half a day is believed. No forecast changes by
+more than was ever seen to change in that time. A regression that knows no inputs to come begins with the day before.
 """
 
 import math
@@ -36,12 +36,21 @@ _OWN = 8
 """Regressors that are no inputs: 1, the output, three changes, the day before, sine and cosine."""
 CLOCK = slice(_OWN - 2, _OWN)
 """Places of sine and cosine of the hour among the regressors."""
+_DAY_BEFORE = 5
+"""Place of the output's value a day before the target."""
 _LEAST_SPREAD = np.array([1.0, 1.0, 0.1, 0.2, 0.5, 0.5, 0.5, 0.5])
 """Of those regressors, below which a regressor counts as one that has hardly varied yet."""
 _LEAST_INPUT_SPREAD = 0.2
 _HOUR_SD, _GROWTH, _GROWN = 0.35, 1.0 / 3.0, 6.0
 """Standard deviation [K] of a forecast an hour ahead before any was verified, the power of the lead with which it
 grows, less than that of a random walk, and the hours after which it no longer does, for days are alike."""
+_HALF_A_DAY = 12.0
+"""h: as far as a lead is longer, what it lets expect is that of a lead as much shorter than a day. And of longer leads
+a first day shows too few changes that do not overlap for a regression on it to be believed."""
+_BELIEVED, _DOUBTED = 0.5, 0.5
+"""Share of a foretold change that is believed beforehand, and the days of forecasts that this counts as."""
+_SETTLES = 6.0
+"""h with which a temperature is expected to come back to that of the day before."""
 _PRESUMED = 0.5
 """What an expected spread counts as, in forecasts that do not overlap."""
 _LEAST_SD = 1e-3
@@ -99,9 +108,14 @@ class Direct(Regression):
         self._leads = np.unique([max(1, round(hours * _HOUR / period)) for hours in _LEADS])
         self._presumed = _PRESUMED * self._leads.astype(np.float64)
         """(L,): what the spread that a shorter lead lets expect counts as, in forecasts."""
-        hours_ahead = np.minimum(self._leads * period / _HOUR, _GROWN)
-        self._growth = np.exp(2.0 * _GROWTH * np.diff(np.log(hours_ahead), prepend=0.0))
-        """(L,): the variance to expect over that of the lead before, for the first over that of an hour."""
+        hours = self._leads * period / _HOUR
+        far = hours > _HALF_A_DAY
+        self._growth = np.exp(2.0 * _GROWTH * np.diff(np.log(np.minimum(hours, _GROWN)), prepend=0.0))
+        """(L,): the variance to expect over that of the lead `_like`, for the first over that of an hour."""
+        mirrored = np.abs(hours - np.maximum(_DAY / _HOUR - hours, _GROWN)[:, None]).argmin(axis=1)
+        self._like = np.where(far, mirrored, np.arange(len(hours)) - 1)
+        self._believed = np.where(far, 0.0, _BELIEVED)
+        """(L,): share of a foretold change that is believed before any was verified."""
         self._windows = np.array([max(1, round(hours * _HOUR / period)) for hours in (*_PAST, *_LAST, *_CHANGES)])
         self._foresees = not options.blind
         means = len(_PAST) + (1 + len(_LAST)) * self._foresees
@@ -109,6 +123,10 @@ class Direct(Regression):
         least = np.full(self._width, _LEAST_INPUT_SPREAD)
         least[:_OWN] = _LEAST_SPREAD
         self._least = least**2
+        self._prior = np.zeros((len(self._leads), self._width))
+        """(L, p): the coefficients before any fit, to which the ridge draws."""
+        if options.blind:
+            self._prior[:, _DAY_BEFORE] = 1.0 - np.exp(-hours / _SETTLES)
         self._forgetting = math.exp(-period / (options.memory_days * _DAY))
         self._verified_memory = options.verified_memory_days * _DAY / period
 
@@ -124,7 +142,7 @@ class Direct(Regression):
             *self._begun(outputs, inputs),
             step=np.array(0, dtype=np.int64),
             moments=np.zeros((count, leads, width, width + 1)),
-            coefficients=np.zeros((2, count, leads, width)),
+            coefficients=np.tile(self._prior, (2, count, 1, 1)),
             fitted=np.array(0, dtype=np.int64),
             verified=np.zeros((count, leads, 5)),
             seen=np.zeros((count, leads, 2)),
@@ -144,8 +162,8 @@ class Direct(Regression):
         """One period on under `inputs` (n_u,) held over the step."""
         held, rows, known = _moved_on(state.inputs, inputs, state.outputs, state.measured)
         ahead = _foretold(
-            rows, self._sums(held), self._leads[:1], self._windows, self._day, int(state.step), 2 * self._day - 1,
-            state.coefficients[0], self._trust(state), state.seen, self._foresees,
+            rows, _first(known), self._sums(held), self._leads[:1], self._windows, self._day, int(state.step),
+            2 * self._day - 1, state.coefficients[0], self._trust(state), state.seen, self._foresees,
         )  # fmt: skip
         rows[:, -1] += ahead[:, 0]
         return state._replace(outputs=rows, measured=known, inputs=held, step=state.step + 1, fitted=state.fitted + 1)
@@ -174,7 +192,7 @@ class Direct(Regression):
         )  # fmt: skip
         learned = state._replace(outputs=past, measured=known, moments=moments, verified=verified, seen=seen)
         if state.fitted >= self._day:
-            fresh = _fitted(moments, self._least, self.options.penalty_days * self._day)
+            fresh = _fitted(moments, self._least, self.options.penalty_days * self._day, self._prior)
             coefficients = np.stack([fresh, state.coefficients[0]])
             learned = learned._replace(coefficients=coefficients, fitted=np.zeros_like(state.fitted))
         log_likelihood = float(-0.5 * ((errors / sds) ** 2).sum() - np.log(sds * np.sqrt(2.0 * np.pi)).sum())
@@ -202,11 +220,11 @@ class Direct(Regression):
         held = np.concatenate([issue.inputs, plan])
         sums = self._sums(np.concatenate([held, np.tile(held[-1:], (day, 1))]))
         outputs = np.concatenate([issue.outputs[:, :-1], np.zeros((len(issue.outputs), steps + day))], axis=1)
-        ahead, known = np.arange(1, day + 1), np.concatenate([[0], needed])
+        first, ahead, known = _first(issue.measured), np.arange(1, day + 1), np.concatenate([[0], needed])
         for last in range(day, day + steps, day):
             changes = _foretold(
-                outputs, sums, needed, self._windows, day, int(issue.step) + last - day - 1, last, issue.coefficients,
-                issue.trust, issue.seen, self._foresees,
+                outputs, first, sums, needed, self._windows, day, int(issue.step) + last - day - 1, last,
+                issue.coefficients, issue.trust, issue.seen, self._foresees,
             )  # fmt: skip
             for i, row in enumerate(changes):
                 outputs[i, last + 1 : last + 1 + day] = outputs[i, last] + np.interp(ahead, known, [0.0, *row])
@@ -233,14 +251,13 @@ class Direct(Regression):
         return found
 
     def _trust(self, state: DirectState) -> Array:
-        """(n_y, L): what share of a foretold change has come true; 0 before any was verified."""
-        # As if the first half of a day had been foretold as much as it changed, and nothing of it had come.
-        found: Array = _trusts(state.verified, 0.5 * self._day)
+        """(n_y, L): what share of a foretold change has come true."""
+        found: Array = _trusts(state.verified, _DOUBTED * self._day, self._believed)
         return found
 
     def _sds(self, state: DirectState) -> Array:
         """(n_y, L): standard deviations [K] at the leads, from the errors of verified forecasts."""
-        found: Array = _spreads(state.verified, self._presumed, self._growth)
+        found: Array = _spreads(state.verified, self._presumed, self._growth, self._like)
         return found
 
 
@@ -254,6 +271,18 @@ def _unmeasured(measured):  # type: ignore[no-untyped-def]
             steps += 1
         late[i] = steps - 1.0
     return late
+
+
+@njit(cache=True, nogil=True)
+def _first(measured):  # type: ignore[no-untyped-def]
+    """(n_y,): place of the first value of each output that is measured; beyond the last where none is."""
+    found = np.empty(len(measured), np.int64)
+    for i in range(len(measured)):
+        place = 0
+        while place < measured.shape[1] and measured[i, place] == 0.0:
+            place += 1
+        found[i] = place
+    return found
 
 
 @njit(cache=True, nogil=True)
@@ -277,14 +306,15 @@ def _sums(inputs, level, scale):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _trusts(verified, doubted):  # type: ignore[no-untyped-def]
-    """(n_y, L): shares of foretold changes that came true, beside `doubted` forecasts of which nothing did."""
+def _trusts(verified, doubted, believed):  # type: ignore[no-untyped-def]
+    """(n_y, L): shares of foretold changes that came true, beside `doubted` forecasts that foretold as much as changed,
+    and of which the share `believed` (L,) did."""
     found = np.empty(verified.shape[:2])
     for i in range(verified.shape[0]):
         for n in range(verified.shape[1]):
             number, product, square, real = verified[i, n, 0], verified[i, n, 1], verified[i, n, 2], verified[i, n, 3]
             doubt = doubted * real / max(number, 1.0)
-            found[i, n] = min(max(product / max(square + doubt, 1e-12), 0.0), 1.0)
+            found[i, n] = min(max((product + believed[n] * doubt) / max(square + doubt, 1e-12), 0.0), 1.0)
     return found
 
 
@@ -311,23 +341,24 @@ def _spread(sds, leads, late, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _spreads(verified, presumed, growth):  # type: ignore[no-untyped-def]
+def _spreads(verified, presumed, growth, like):  # type: ignore[no-untyped-def]
     """(n_y, L): standard deviations [K] of forecasts from what was `verified` of them."""
-    found = np.empty(verified.shape[:2])
+    found, variances = np.empty(verified.shape[:2]), np.empty(len(growth))
     for i in range(len(verified)):
-        variance = _HOUR_SD * _HOUR_SD
         for n in range(len(growth)):
             number, squares = verified[i, n, 0], verified[i, n, 4]
-            variance = (presumed[n] * variance * growth[n] + squares) / (presumed[n] + number)
-            found[i, n] = max(math.sqrt(variance), _LEAST_SD)
+            expected = growth[n] * (variances[like[n]] if n > 0 else _HOUR_SD * _HOUR_SD)
+            variances[n] = (presumed[n] * expected + squares) / (presumed[n] + number)
+            found[i, n] = max(math.sqrt(variances[n]), _LEAST_SD)
     return found
 
 
 @njit(cache=True, nogil=True)
-def _row(outputs, sums, origin, lead, windows, day, step, foresees, row):  # type: ignore[no-untyped-def]
+def _row(outputs, first, sums, origin, lead, windows, day, step, foresees, row):  # type: ignore[no-untyped-def]
     """Regressors (p,) of a forecast `lead` steps ahead of the sample at the place `origin`, number `step`, in place.
 
-    `sums` (m + 1, n_u) are those of the inputs before each place: that of place k is held from sample k to the next.
+    Before the place `first` nothing is known. `sums` (m + 1, n_u) are those of the inputs before each place: that of
+    place k is held from sample k to the next.
     """
     own, target = outputs[origin], origin + lead
     row[0] = 1.0
@@ -335,7 +366,8 @@ def _row(outputs, sums, origin, lead, windows, day, step, foresees, row):  # typ
     row[2] = own - outputs[max(origin - 1, 0)]
     row[3] = own - outputs[max(origin - windows[5], 0)]
     row[4] = own - outputs[max(origin - windows[6], 0)]
-    row[5] = outputs[max(min(target - day, origin), 0)] - own
+    before = max(min(target - day, origin), 0)
+    row[5] = outputs[before] - own if before >= first else 0.0
     angle = 2.0 * np.pi * ((step + lead) % day) / day
     row[6], row[7] = np.sin(angle), np.cos(angle)
     place = 8
@@ -361,13 +393,14 @@ def _change(row, coefficients, lowest, highest):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _foretold(  # type: ignore[no-untyped-def]
-    outputs, sums, leads, windows, day, step, origin, coefficients, trust, seen, foresees
+    outputs, first, sums, leads, windows, day, step, origin, coefficients, trust, seen, foresees
 ):  # fmt: skip
-    """Changes (n_y, L) [K] after the sample at the place `origin`, number `step`."""
+    """Changes (n_y, L) [K] after the sample at the place `origin`, number `step`; before the places `first` (n_y,)
+    nothing is known of `outputs`."""
     row, changes = np.empty(coefficients.shape[2]), np.empty((outputs.shape[0], len(leads)))
     for i in range(outputs.shape[0]):
         for n in range(len(leads)):
-            _row(outputs[i], sums, origin, leads[n], windows, day, step, foresees, row)
+            _row(outputs[i], first[i], sums, origin, leads[n], windows, day, step, foresees, row)
             changes[i, n] = trust[i, n] * _change(row, coefficients[i, n], seen[i, n, 0], seen[i, n, 1])
     return changes
 
@@ -383,13 +416,13 @@ def _learn(  # type: ignore[no-untyped-def]
     moments, verified, seen = learned
     forgetting, kept = memory
     target = outputs.shape[1] - 1
-    row = np.empty(coefficients.shape[3])
+    row, first = np.empty(coefficients.shape[3]), _first(measured)
     for i in range(outputs.shape[0]):
         for n in range(len(leads)):
             origin = target - leads[n]
             if measured[i, target] == 0.0 or measured[i, origin] == 0.0:
                 continue
-            _row(outputs[i], sums, origin, leads[n], windows, day, step - leads[n], foresees, row)
+            _row(outputs[i], first[i], sums, origin, leads[n], windows, day, step - leads[n], foresees, row)
             real = outputs[i, target] - outputs[i, origin]
             # With the coefficients that were in force when the forecast would have been made.
             then = coefficients[0 if leads[n] <= fitted else 1, i, n]
@@ -410,8 +443,8 @@ def _learn(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _fitted(moments, least, penalty):  # type: ignore[no-untyped-def]
-    """Coefficients (n_y, L, p) of the ridge regressions; a regressor is penalised as by `penalty` samples."""
+def _fitted(moments, least, penalty, prior):  # type: ignore[no-untyped-def]
+    """Coefficients (n_y, L, p) of the ridge regressions, drawn to the `prior` (L, p) as by `penalty` samples."""
     outputs, leads, width = moments.shape[:3]
     found = np.zeros((outputs, leads, width))
     matrix, right = np.empty((width - 1, width - 1)), np.empty(width - 1)
@@ -419,6 +452,7 @@ def _fitted(moments, least, penalty):  # type: ignore[no-untyped-def]
         for n in range(leads):
             whole = moments[i, n, 0, 0]
             if whole <= 0.0:
+                found[i, n] = prior[n]
                 continue
             means = moments[i, n, 0] / whole
             for a in range(1, width):
@@ -426,7 +460,9 @@ def _fitted(moments, least, penalty):  # type: ignore[no-untyped-def]
                     matrix[a - 1, b - 1] = moments[i, n, a, b] / whole - means[a] * means[b]
                 right[a - 1] = moments[i, n, a, width] / whole - means[a] * means[width]
             for a in range(1, width):
-                matrix[a - 1, a - 1] += max(matrix[a - 1, a - 1], least[a]) * penalty / whole
+                drawn = max(matrix[a - 1, a - 1], least[a]) * penalty / whole
+                matrix[a - 1, a - 1] += drawn
+                right[a - 1] += drawn * prior[n, a]
             own = _solved(matrix, right)
             found[i, n, 1:] = own
             found[i, n, 0] = means[width] - np.sum(means[1:width] * own)

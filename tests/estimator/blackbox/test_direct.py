@@ -47,14 +47,25 @@ def test_what_the_inputs_explain_is_found_at_every_lead(lead, most):
     assert np.sqrt(np.mean(own**2) / np.mean(held**2)) < most
 
 
-def test_before_anything_is_verified_it_is_persistence():
+def test_on_the_first_day_it_is_persistence():
     outputs, inputs = room(2 * DAY)
     estimator = make()
-    # What was learned in the first day has not been held to anything yet.
-    for count in (2, DAY // 2, DAY + 1):
+    for count in (2, DAY // 2, DAY):
         state = estimator.predict(run(estimator, outputs[:count], inputs), inputs[count - 1])
         fan = estimator.unfold(estimator.issue(state, 1), inputs[count : count + DAY])
         np.testing.assert_array_equal(fan.means[:, 0, 0], outputs[count - 1])
+
+
+def test_a_room_with_a_set_back_is_foreseen_by_its_first_day():
+    """The second day of a thermostat's, 6 h ahead, and how sure the forecast of a day ahead is of it."""
+    hour = np.arange(2 * DAY) % DAY / 2.0
+    outputs = 17.0 + 4.0 * ((hour > 6.0) & (hour < 22.0)) + 0.1 * np.random.default_rng(2).standard_normal(2 * DAY)
+    inputs = np.zeros((2 * DAY, 2))
+    estimator = make(blind=True)
+    own, held = errors_of(estimator, outputs, inputs, 12, after=DAY)
+    assert np.mean(np.abs(own)) < 0.7 * np.mean(np.abs(held))
+    sds = estimator.issue(run(estimator, outputs, inputs), 1).sds[0]
+    assert sds[-1] < 0.5 * sds.max()
 
 
 def test_no_forecast_changes_by_more_than_was_ever_seen():
