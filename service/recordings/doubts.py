@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adapters.fields.durations import format_duration
 from adapters.reading import Fault
 from estimator.arrays import Array
 from estimator.heat.terms import sun_channel
@@ -42,6 +43,9 @@ _TEMPERATURES = {"degF": (5 / 9, -160 / 9), "K": (1.0, -273.15)}
 
 _MUCH = 0.05
 """Share of the readings that are refused from which on it is no accident."""
+
+_UNUSED = 0.2
+"""Share of the intervals that nothing can be made of from which on it is no accident."""
 
 _REFUSED = {
     Fault.OUT_OF_RANGE: "its unit, its scale and the range `valid`",
@@ -78,6 +82,7 @@ def doubts(zone: ZoneConfig, found: Recorded, remedies: Remedies = IN_A_CONFIGUR
         *refused,
         *_of_length(times),
         *_of_dates(times[np.isfinite(values).any(axis=1)], remedies),
+        *_of_gaps(zone, times, values),
         *_of_clock(zone, times, values, remedies),
         *_of_channels(zone, values, remedies),
         *_of_swaps(zone, values),
@@ -106,6 +111,31 @@ def _of_dates(times: Array, remedies: Remedies) -> Iterator[str]:
             "all of it is on the 1st to 12th of a month, as if day and month were swapped; write how times are to be "
             f"read, such as {remedies.dates}"
         )
+
+
+def _of_gaps(zone: ZoneConfig, times: Array, values: Array) -> Iterator[str]:
+    """Readings that come only when something has changed leave intervals that nothing bridges."""
+    network, outputs = zone.network, len(zone.network.measured)
+    known, aged = np.isfinite(values), []
+    for name, measured in zip(network.inputs, known[:, outputs:].T, strict=True):
+        own = zone.channels[name].max_age
+        keys = "hold_inputs" if own is None else "max_age"
+        aged.append((name, f'{keys} = "1d"', _age(times, measured), zone.hold_inputs if own is None else own))
+    room, day = known[:, :outputs].any(axis=1), round(86400 / zone.period)
+    aged.append((network.measured[0], f"max_gap = {day}", _age(times, room), zone.max_gap * zone.period))
+    for name, remedy, age, longest in aged:
+        share = float((age > longest).mean())
+        if share > _UNUSED and np.isfinite(age).any():
+            yield (
+                f"{share:.0%} of its intervals are not used, for {name} has had no reading for more than "
+                f"{format_duration(longest)}; write {remedy} if it is recorded only when it changes"
+            )
+
+
+def _age(times: Array, measured: Array) -> Array:
+    """(L,): time since the last sample that was `measured` (L,) [s]; infinite before the first."""
+    newest: Array = np.maximum.accumulate(np.where(measured, times, -np.inf))
+    return times - newest
 
 
 def _of_clock(zone: ZoneConfig, times: Array, values: Array, remedies: Remedies) -> Iterator[str]:

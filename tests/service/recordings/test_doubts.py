@@ -54,6 +54,17 @@ def test_a_mistake_is_named_with_its_remedy(changes, sentence):
     assert sentence in found
 
 
+def test_readings_only_on_change_are_told_with_what_holds_them():
+    outdoors = np.where(HOURS % 3 == 0, OUTDOORS, np.nan)
+    room = np.where(HOURS % 24 < 4, ROOM, np.nan)
+    assert told(outdoors=outdoors) == [
+        "67% of its intervals are not used, for T_out has had no reading for more than 15min; write "
+        'hold_inputs = "1d" if it is recorded only when it changes'
+    ]
+    (sentence,) = told(room=room)
+    assert "T_i has had no reading for more than 3h; write max_gap = 96 if" in sentence
+
+
 def test_swapped_days_and_months_are_named():
     # The first days of January to April, as 01.02. to 04.02. and so on would be read.
     days = [np.datetime64(f"2025-{month:02}-01", "D") + np.arange(4) for month in (1, 2, 3, 4)]
