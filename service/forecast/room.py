@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from adapters.timestamps import time_zone
 from estimator.arrays import Array
+from estimator.bank.bank import answering_plan
 from estimator.diagnosis import finding as kinds
 from estimator.diagnosis.finding import Diagnosis, Finding, amount
 from estimator.network.assembly import assemble
@@ -259,7 +260,9 @@ def _pace(worker: ZoneWorker, standing: Standing) -> Iterator[RoomAnswer]:
     full = off.copy()
     full[heat] = standing.carried.record.largest[heat]
     hour, hours = max(1, ceil(_HOUR / period)), max(1, ceil(_COOLING * _HOUR / period))
-    issue, terms = worker.estimator.issue(standing.state, 64), (0, len(network.terms))
+    # Heating that is off, or full, departs from habit, of which a regression knows nothing.
+    state = answering_plan(worker.estimator, standing.state)
+    issue, terms = worker.estimator.issue(state, 64), (0, len(network.terms))
     cold, warm = (
         [
             worker.estimator.quantiles(mixture, np.array(_LEVELS), 0)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from adapters.fields.durations import format_duration
 from adapters.reading import Fault
@@ -116,12 +117,13 @@ def _of_dates(times: Array, remedies: Remedies) -> Iterator[str]:
 def _of_gaps(zone: ZoneConfig, times: Array, values: Array) -> Iterator[str]:
     """Readings that come only when something has changed leave intervals that nothing bridges."""
     network, outputs = zone.network, len(zone.network.measured)
-    known, aged = np.isfinite(values), []
+    known: npt.NDArray[np.bool_] = np.isfinite(values)
+    aged = []
     for name, measured in zip(network.inputs, known[:, outputs:].T, strict=True):
         own = zone.channels[name].max_age
         keys = "hold_inputs" if own is None else "max_age"
         aged.append((name, f'{keys} = "1d"', _age(times, measured), zone.hold_inputs if own is None else own))
-    room, day = known[:, :outputs].any(axis=1), round(86400 / zone.period)
+    room, day = np.asarray(known[:, :outputs].any(axis=1)), round(86400 / zone.period)
     aged.append((network.measured[0], f"max_gap = {day}", _age(times, room), zone.max_gap * zone.period))
     for name, remedy, age, longest in aged:
         share = float((age > longest).mean())
@@ -132,7 +134,7 @@ def _of_gaps(zone: ZoneConfig, times: Array, values: Array) -> Iterator[str]:
             )
 
 
-def _age(times: Array, measured: Array) -> Array:
+def _age(times: Array, measured: npt.NDArray[np.bool_]) -> Array:
     """(L,): time since the last sample that was `measured` (L,) [s]; infinite before the first."""
     newest: Array = np.maximum.accumulate(np.where(measured, times, -np.inf))
     return times - newest

@@ -150,6 +150,14 @@ def test_it_cools_and_heats_as_fast_as_the_house(worker):
     assert 1.0 < found["heating"].value < 3.6
 
 
+def test_a_room_that_was_never_left_unheated_cools_without_heating():
+    """Regressions, which carry most of a young bank, know no such thing."""
+    bank = ZoneWorker(build("bank", presets.network("tite"), 1800, {}), WorkerSettings(5, (0.95,), 3, 1800.0))
+    for k in range(60):
+        bank.step(Sample.measured(k * 1800, np.array([21.0 + 0.05 * (k % 2)]), np.array([0.0, 1500.0])))
+    assert answers(asked(bank))["cooling"].value > 0.5
+
+
 @pytest.mark.parametrize(("period", "told"), [(9, False), (10, True)])
 def test_hours_of_seconds_are_not_simulated(period, told):
     quick = ZoneWorker(build("ekf", presets.network("tite"), period, {}), WorkerSettings(5, (0.95,), 3, 900.0))
