@@ -6,7 +6,6 @@ from datetime import tzinfo
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from estimator.errors import EstimatorError
 from estimator.network.network import Network
@@ -19,7 +18,7 @@ from replay.experiments.jobs import Arrays
 from replay.experiments.series.recorded_zone import record_of
 from replay.experiments.study import Contender
 from service.errors import ConfigError, DataError
-from service.recordings.samples import SLOW
+from service.recordings.progress import Progress
 from thermogate.arguments import items
 from thermogate.frames import Frame, moments, pandas
 from thermogate.learning import taken
@@ -142,9 +141,11 @@ def _run(df: Frame, settings: Settings, contenders: Sequence[Contender], progres
     recording, seed = of_record(record_of(found.samples, settings.zone), settings.zone), settings.zone.seed
     runs: dict[str, Arrays] = {}
     try:
-        for one in tqdm(contenders, unit=" estimators", desc="backtest", delay=SLOW, disable=not progress):
-            (job,) = jobs_of(one, recording, (seed,))
-            runs[one.label] = job.work(job.payload)
+        with Progress("backtest", len(contenders), progress, "estimators") as bar:
+            for one in contenders:
+                (job,) = jobs_of(one, recording, (seed,))
+                runs[one.label] = job.work(job.payload)
+                bar.update()
     except EstimatorError as error:
         raise ConfigError([f"estimators: {one.label}: {error}"]) from None
     return Backtest(recording, runs, settings.tz)

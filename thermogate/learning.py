@@ -4,13 +4,12 @@ from collections import Counter
 from math import inf
 from typing import NamedTuple
 
-from tqdm import tqdm
-
 from adapters.reading import Fault
 from service.config.fitting import make_alignment
 from service.errors import DataError
 from service.recordings.doubts import Remedies, doubts
-from service.recordings.samples import SLOW, Recorded
+from service.recordings.progress import Progress
+from service.recordings.samples import Recorded
 from service.records.sample import Sample
 from thermogate.frames import Frame, Reader, check_columns, clock, moments
 from thermogate.session import Session
@@ -71,8 +70,10 @@ def learn(session: Session, df: Frame, progress: bool, what: str) -> Taken:
     found = taken(session.settings, df, worker.progress.last_time, worker.empty_samples)
     if found.samples:
         worker.loop.history_end = found.samples[-1].time
-    for sample in tqdm(found.samples, unit=" samples", desc=what, delay=SLOW, disable=not progress):
-        session.take(sample)
+    with Progress(what, len(found.samples), progress) as bar:
+        for sample in found.samples:
+            session.take(sample)
+            bar.update()
     if before == len(session) == 0:
         why = worker.progress.stalled or "there is no reading"
         raise DataError("; ".join([f"no row of the table could be used: {why}", *found.warnings]))

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from tqdm import tqdm
 
-from service.recordings.samples import SLOW
+from service.recordings.progress import SLOW
 
 Item = TypeVar("Item")
 

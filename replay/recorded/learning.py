@@ -9,13 +9,12 @@ import asyncio
 import multiprocessing
 import os
 import signal
+import sys
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import asynccontextmanager
 from typing import Any, NamedTuple
-
-from tqdm import tqdm
 
 from replay.processes import importing_once
 from replay.recorded.trace import Trace, Tracer
@@ -24,7 +23,7 @@ from service.config.site import Config, ZoneConfig
 from service.daemon.kernel_cache import guard_kernel_cache
 from service.errors import ServiceError
 from service.recordings.history import History
-from service.recordings.samples import SLOW
+from service.recordings.progress import Kernels, Progress
 from service.records.sample import Sample
 from service.records.update import Update
 from service.store.checkpoint import Checkpoint
@@ -35,6 +34,9 @@ from service.zone.worker import ZoneWorker
 
 _CHUNK = 500
 """Samples that a zone takes between two checkpoints."""
+
+_FIRST = 100
+"""Samples after which a process has compiled or read nearly all kernels: what later ones take can be foreseen."""
 
 _ENDED = (
     "a process that learned ended by itself, perhaps for want of memory; run the command again with --jobs 1: it goes "
@@ -60,12 +62,12 @@ def learn(config: Config, histories: Mapping[str, History], *, jobs: int | None 
     store = Store(config.site.state_dir)
     try:
         return asyncio.run(_learned(store, config, histories, jobs or os.cpu_count() or 1))
+    except BrokenProcessPool as error:
+        raise ServiceError(_ENDED) from error
     except ExceptionGroup as group:
         # The first failure of a zone has ended the others.
         first = group.exceptions[0]
-        if isinstance(first, BrokenProcessPool):
-            raise ServiceError(_ENDED) from group
-        raise first from None
+        raise (ServiceError(_ENDED) if isinstance(first, BrokenProcessPool) else first) from None
     finally:
         store.close()
 
@@ -73,31 +75,31 @@ def learn(config: Config, histories: Mapping[str, History], *, jobs: int | None 
 async def _learned(store: Store, config: Config, histories: Mapping[str, History], jobs: int) -> Learned:
     """Let every zone learn from what is new, zones in turn in so many processes."""
     zones = [zone for zone in config.zones if histories[zone.id].recorded.samples]
-    total, known, jobs = (
-        sum(len(histories[zone.id].recorded.samples) for zone in zones),
-        {},
-        max(1, min(jobs, len(zones))),
-    )
+    jobs = max(1, min(jobs, len(zones)))
     async with _processes(jobs) as processes:
         owners = {zone.id: processes[place % jobs] for place, zone in enumerate(zones)}
-        with tqdm(total=total, unit=" samples", delay=SLOW, desc="learning", disable=None) as bar:
+        new: dict[_Student, Sequence[Sample]] = {}
+        known: dict[str, int] = {}
+        for zone in zones:
+            samples = histories[zone.id].recorded.samples
+            neighbours = neighbourhood(config, zone, store.checkpoints)
+            student = _Student(store, zone, owners[zone.id], neighbours, end=samples[-1].time)
+            # All know where they begin before one of them goes on: no zone learns from what is new.
+            last = await student.resume()
+            new[student] = [sample for sample in samples if last is None or sample.time > last]
+            if passed := len(samples) - len(new[student]):
+                known[zone.id] = passed
+        async with asyncio.TaskGroup() as tasks:
+            for student in [*new][:jobs]:
+                tasks.create_task(student.learn(new[student][:_FIRST]))
+                new[student] = new[student][_FIRST:]
+        total = sum(len(history.recorded.samples) for history in histories.values())
+        with Progress("learning", total, None, done=total - sum(map(len, new.values()))) as bar:
+            if any(new.values()):
+                bar.refresh()
             async with asyncio.TaskGroup() as tasks:
-                students = [
-                    _Student(
-                        *(store, zone, owners[zone.id], bar, neighbourhood(config, zone, store.checkpoints)),
-                        end=histories[zone.id].recorded.samples[-1].time,
-                    )
-                    for zone in zones
-                ]
-                # All know where they begin before one of them goes on: no zone learns from what is new.
-                lasts = [await student.resume() for student in students]
-                for zone, student, last in zip(zones, students, lasts, strict=True):
-                    samples = histories[zone.id].recorded.samples
-                    new = [sample for sample in samples if last is None or sample.time > last]
-                    if passed := len(samples) - len(new):
-                        known[zone.id] = passed
-                        bar.update(passed)
-                    tasks.create_task(student.learn(new))
+                for student, samples in new.items():
+                    tasks.create_task(student.learn(samples, bar.update))
         loop = asyncio.get_running_loop()
         traces = [
             await loop.run_in_executor(owner, _trace, zone, histories[zone].recorded.refused)
@@ -115,11 +117,10 @@ class _Student:
         store: Store,
         zone: ZoneConfig,
         owner: ProcessPoolExecutor,
-        bar: Any,
         neighbours: Callable[[], Checkpoint | None],
         end: int,
     ) -> None:
-        self._store, self._zone, self._owner, self._bar, self._neighbours = store, zone, owner, bar, neighbours
+        self._store, self._zone, self._owner, self._neighbours = store, zone, owner, neighbours
         self._end = end
         self._fingerprint = fingerprint(zone)
 
@@ -138,13 +139,14 @@ class _Student:
             step = samples[-1].time
         return last
 
-    async def learn(self, new: Sequence[Sample]) -> None:
-        """Take the samples `new` in chunks; each is in the journal before it is learned from."""
+    async def learn(self, new: Sequence[Sample], note: Callable[[int], object] = lambda count: None) -> None:
+        """Take the samples `new` in chunks and `note` the size of each; a sample is in the journal before it is learned
+        from."""
         for begin in range(0, len(new), _CHUNK):
             samples = new[begin : begin + _CHUNK]
             await asyncio.gather(*(self._store.append(self._zone.id, sample) for sample in samples))
             await self._learned(samples)
-            self._bar.update(len(samples))
+            note(len(samples))
 
     async def _learned(self, samples: Sequence[Sample]) -> None:
         updates, checkpoint = await self._there(_take, self._zone.id, samples)
@@ -162,7 +164,8 @@ class _Student:
 async def _processes(count: int) -> AsyncIterator[list[ProcessPoolExecutor]]:
     """Pools of one process each, so that a zone stays in the process that knows it."""
     context = importing_once(__name__)
-    pools = [ProcessPoolExecutor(1, context, _begun) for _ in range(count)]
+    shown = sys.stderr.isatty()
+    pools = [ProcessPoolExecutor(1, context, _begun, (shown and not place,)) for place in range(count)]
     try:
         yield pools
     except BaseException:
@@ -179,10 +182,12 @@ _students: dict[str, tuple[ZoneWorker, Tracer, ZoneConfig, str]] = {}
 """In a process that learns: its zones."""
 
 
-def _begun() -> None:
-    """In a new process: the parent alone answers Ctrl-C."""
+def _begun(announces: bool) -> None:
+    """In a new process: the parent alone answers Ctrl-C, and one process `announces` that it compiles."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     guard_kernel_cache()
+    if announces:
+        Kernels()
 
 
 def _begin(zone: ZoneConfig, mark: str, checkpoint: Checkpoint | None, end: int) -> None:

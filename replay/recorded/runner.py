@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
-from tqdm import tqdm
 
 from adapters.fields.durations import format_duration
 from adapters.fields.times import written_time
@@ -28,7 +27,8 @@ from replay.scores.intervals import coverage, mean_width, rmse, winkler
 from service.config.fitting import make_worker
 from service.config.site import Config, ZoneConfig
 from service.errors import ServiceError
-from service.recordings.samples import SLOW, Recorded, read_samples
+from service.recordings.progress import Progress
+from service.recordings.samples import Recorded, read_samples
 from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.record import values
 from service.records.sample import Sample
@@ -63,7 +63,7 @@ def replay_recording(
         total = sum(len(one.samples) for one in found.values())
         with (
             ExitStack() as stack,
-            tqdm(total=total, unit=" samples", disable=not progress, delay=SLOW, desc="replay") as bar,
+            Progress("replay", total, progress) as bar,
         ):
             runs = {table.id: stack.enter_context(_recording(table, out / table.id)) for table in tables}
             traces = []

@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from replay.errors import ReplayError
 from replay.localtime import DAY
@@ -18,7 +17,7 @@ from replay.recorded.trace import Trace, Tracer, known_by
 from service.config.fitting import fingerprint, make_worker
 from service.config.site import ZoneConfig
 from service.errors import StateMismatch
-from service.recordings.samples import SLOW
+from service.recordings.progress import Progress
 from service.records.history import HistoryRow
 from service.records.sample import Sample
 from service.records.series import GAIN
@@ -50,7 +49,7 @@ def traces_of(
                 raise StateMismatch(zone.id, place)
             starts[zone.id] = _start(state, zone, days)
     total = sum(state.journal.samples_ahead(name, start) for name, start in starts.items())
-    with tqdm(total=total, unit=" samples", disable=not progress, delay=SLOW, desc="report") as bar:
+    with Progress("report", total, progress) as bar:
         for zone in zones:
             if zone.id in starts:
                 trace = _trace(state, zone, starts[zone.id], bar.update)

@@ -15,7 +15,7 @@ from replay.reports.kit.report import Plot, Report, Section
 from replay.reports.kit.table import Table
 from replay.reports.residuals import diagnostics
 from service.forecast.answers import Room
-from service.recordings.samples import SLOW
+from service.recordings.progress import SLOW
 from service.records.trust import TRUSTED, Trust
 
 

@@ -7,16 +7,13 @@ from math import inf
 from typing import NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from estimator.arrays import Array
 from service.config.fitting import make_alignment
 from service.config.site import Config, ZoneConfig
 from service.recordings.merged import recorded
+from service.recordings.progress import Progress
 from service.records.sample import Sample
-
-SLOW = 2.0
-"""s after which a command shows how far it is."""
 
 
 class Recorded(NamedTuple):
@@ -72,9 +69,8 @@ async def _read(
     alignments = {zone.id: make_alignment(zone) for zone in zones}
     samples: dict[str, list[Sample]] = {zone.id: [] for zone in zones}
     readings: Counter[str] = Counter()
-    shown = None if progress is None else not progress
     first = inf
-    with tqdm(unit=" samples", delay=SLOW, desc="reading", disable=shown) as bar:
+    with Progress("reading", None, progress) as bar:
         async for part in recorded(config, alignments, start, end):
             if part.zone in alignments:
                 alignment, ended = alignments[part.zone], part.now == inf

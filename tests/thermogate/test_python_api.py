@@ -21,7 +21,6 @@ import thermogate as tg
 from estimator.network import presets
 from service.config.site import ZoneTable
 from service.store.checkpoint import decode, encode
-from thermogate import learning
 
 FEW: dict[str, Any] = {"estimator": "ekf"}
 MISTAKES = json.loads(Path(__file__).with_name("mistakes.json").read_text(encoding="utf-8"))
@@ -448,7 +447,7 @@ def test_a_room_with_two_thermometers_has_pairs_as_columns() -> None:
 def test_a_slow_fit_shows_its_progress(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     tg.fit(room(samples=10), "tite", **FEW)
     assert "fit" not in capsys.readouterr().err
-    monkeypatch.setattr(learning, "SLOW", 0.0)
+    monkeypatch.setattr("service.recordings.progress.SLOW", 0.0)
     model = tg.fit(room(samples=10), "tite", **FEW)
     assert "fit: " in capsys.readouterr().err
     model.update(room(samples=20), progress=False)

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from support.tables import rows_of
 
-from replay.recorded import runner
 from replay.recorded.runner import replay_recording
 from replay.scores.intervals import coverage, winkler
 from service.config.load import load
 from service.errors import ServiceError
-from service.recordings import samples
+from service.recordings import progress
 
 EXAMPLE = Path(__file__).parents[3] / "deploy" / "examples" / "building-67.toml"
 ZONE = "building-67"
@@ -99,8 +98,7 @@ def test_an_output_folder_that_cannot_be_made_is_said(tmp_path):
 
 
 def test_the_progress_has_an_end(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(runner, "SLOW", 0.0)
-    monkeypatch.setattr(samples, "SLOW", 0.0)
+    monkeypatch.setattr(progress, "SLOW", 0.0)
     replay(tmp_path, end=1712793600.0, progress=True)
     shown = capsys.readouterr().err
     assert "reading: 432 samples" in shown
