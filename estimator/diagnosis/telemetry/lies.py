@@ -297,7 +297,9 @@ def _turned(look: Look) -> Found:
         whole = past[len(past) % day :].reshape(-1, day)
         if len(whole) < 4 or len(new) < day + later or np.isnan(new[-day:]).mean() > 0.2:
             continue
-        usual = np.nanmean(whole, axis=0)
+        counts = (~np.isnan(whole)).sum(axis=0)
+        # An hour that is never measured, as where every sample of it is refused, stays unknown.
+        usual = np.nansum(whole, axis=0) / np.where(counts, counts, np.nan)
         least = min(-0.35, 1.5 * float(_slopes(usual[None], whole).min()))
         # A room next door has no day of its own, but it is never as far below zero as it was above.
         before, now, spread = np.nanmean(past), np.nanmean(new[-day:]), np.nanstd(past)

@@ -127,6 +127,11 @@ def test_missing_rows_are_no_lie(rows):
     assert not [stood for _, stood in watched(patchy) if stood]
 
 
+def test_an_hour_of_the_day_that_is_never_measured_is_no_lie(rows):
+    hours = np.arange(len(rows)) * PERIOD // 3600 % 24
+    assert not [stood for _, stood in watched(np.where((hours == 4)[:, None], np.nan, rows)) if stood]
+
+
 def test_a_finding_names_the_channel_and_takes_the_place_of_the_last_one():
     about_model = Finding("parameter-at-bound", "C_i", "a sentence")
     findings = among((about_model,), NETWORK, (Suspicion(UNIT_CHANGED, 2, 0.0), Suspicion(SENSOR_STUCK, 0, 0.0)))
