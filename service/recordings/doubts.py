@@ -53,6 +53,7 @@ _REFUSED = {
     Fault.OUT_OF_ORDER: "the order of its rows",
     Fault.DUPLICATED: "rows with the same time, of which one is used",
     Fault.NON_NUMERIC: "its decimal sign and delimiter",
+    Fault.NAIVE_TIMESTAMP: 'the time zone of its times, such as zone = "Europe/Berlin" in `timestamp`',
     Fault.BAD_TIMESTAMP: "the format and the time zone of its times",
 }
 """What to look at, by the kind of most that was refused."""
@@ -181,6 +182,9 @@ def _of_channels(zone: ZoneConfig, values: Array, remedies: Remedies) -> Iterato
             yield f"{name} is 0 W all the time: a model then does not learn what heating does"
         elif unit == "W" and 0.0 < np.abs(known).max() < _SMALL_POWER:
             yield f"{name} is {np.abs(known).max():g} W at most; write {remedies.unit(name, 'kW')} if it is in kW"
+        elif unit == "W" and np.abs(known).mean() > upper:
+            mean = f"{name} is {np.abs(known).mean():.0f} W on average, more than {upper:g} is unusual"
+            yield f"{mean}; look at its unit, or give it a range `valid`"
 
 
 def _of_swaps(zone: ZoneConfig, values: Array) -> Iterator[str]:

@@ -22,8 +22,8 @@ async def recorded(
     for name, table in config.sources.items():
         if name in needed and config.is_live(name):
             raise ServiceError(
-                f"sources.{name} is live ({table.kind}), and only recorded sources can be replayed; "
-                "name a zone that recordings feed with --zone, or replay another configuration"
+                f"sources.{name} is live ({table.kind}), and only recorded sources have a history; name a zone that "
+                "recordings feed with --zone (replay), or a file of recorded sources with --from (learn)"
             )
     now = {"pace": inf, "follow": False}
     """As fast as possible, and what is there."""

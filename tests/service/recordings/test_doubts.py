@@ -44,6 +44,7 @@ def test_ordinary_telemetry_is_not_doubted():
         ({"room": 32.0 + 1.8 * ROOM}, 'T_i is 68.9 degC in the middle, usual are 5 to 40; write unit = "degF"'),
         ({"outdoors": OUTDOORS + 273.15}, 'write unit = "K" if it is in K'),
         ({"heating": HEATING / 1000.0}, 'u_heat is 1.5 W at most; write unit = "kW"'),
+        ({"heating": HEATING * 1000.0}, "u_heat is 758929 W on average, more than 10000 is unusual; look at its unit"),
         ({"heating": 0.0 * HEATING}, "u_heat is 0 W all the time"),
         ({"room": OUTDOORS + 10.0, "outdoors": ROOM}, "T_i varies by 3.5 K and T_out by 0.4 K; are the two swapped?"),
         ({"outdoors": 0.0 * OUTDOORS + 7.0}, "T_out is 7 degC all the time; is its sensor connected?"),
@@ -98,7 +99,11 @@ def test_a_short_history_is_named():
 
 @pytest.mark.parametrize(
     ("fault", "remedy"),
-    [("out_of_range", "its unit, its scale and the range `valid`"), ("stuck", "what the source delivers")],
+    [
+        ("out_of_range", "its unit, its scale and the range `valid`"),
+        ("naive_timestamp", 'the time zone of its times, such as zone = "Europe/Berlin" in `timestamp`'),
+        ("stuck", "what the source delivers"),
+    ],
 )
 def test_many_refused_readings_are_told_with_what_to_look_at(fault, remedy):
     values = np.stack([ROOM, OUTDOORS, HEATING], axis=1)
