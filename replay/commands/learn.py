@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from replay.commands.options import check_period, take_period, take_report
-from service.cli.arguments import AddCommand, load_config, take_config, whole
+from service.cli.arguments import AddCommand, load_config, require_zones, take_config, whole
 
 
 def add_to(add: AddCommand) -> None:
@@ -27,6 +27,14 @@ def add_to(add: AddCommand) -> None:
     )
     take_period(parser)
     parser.add_argument("--jobs", type=whole(1, 1024), metavar="N", help="processes (default: one for each core)")
+    parser.add_argument(
+        "--reset",
+        nargs="+",
+        default=[],
+        action="extend",
+        metavar="ZONE",
+        help="let these zones begin anew; what they know already is set aside",
+    )
     take_report(parser)
 
 
@@ -38,19 +46,21 @@ def _learn(arguments: argparse.Namespace) -> int:
     from service.recordings.history import survey
 
     check_period(arguments)
-    if arguments.history is None:
-        config = load_config(arguments)
-    else:
+    config = plant = load_config(arguments)
+    if arguments.history is not None:
         config = load_history(arguments.config, arguments.history, arguments.overrides)
+    require_zones(config, arguments.reset, "--reset")
     histories = survey(config, config.zones, arguments.start, arguments.end)
     for history in histories.values():
         print("\n  ".join([history.described, *history.doubts]))
     if not any(history.recorded.samples for history in histories.values()):
         raise ServiceError("there is nothing to learn from; look at timestamp, decimal and unit of the sources")
-    learned = learn(config, histories, jobs=arguments.jobs)
+    if any(history.doubts for history in histories.values()):
+        print("what is learned from a mistake stays: stop with Ctrl-C, correct it, and learn with --reset ZONE")
+    learned = learn(config, histories, jobs=arguments.jobs, plant=plant, reset=arguments.reset)
     for zone, known in learned.known.items():
         print(f"zone '{zone}': {known} samples are not later than what it knows already, and were passed over")
     if not learned.traces:
-        print("nothing is new; the state is as it was")
+        print("nothing is new; the state is as it was (--reset ZONE lets a zone begin anew)")
         return 0
     return publish_report(config.site.id, learned.traces, arguments.out, sys.stderr.isatty(), arguments.language)

@@ -21,11 +21,13 @@ from replay.recorded.trace import Trace, Tracer
 from service.config.fitting import fingerprint, make_worker, neighbourhood
 from service.config.site import Config, ZoneConfig
 from service.daemon.kernel_cache import guard_kernel_cache
+from service.daemon.logs import audited
 from service.errors import ServiceError
 from service.recordings.history import History
 from service.recordings.progress import Kernels, Progress
 from service.records.sample import Sample
 from service.records.update import Update
+from service.store.audit import AUDIT, about
 from service.store.checkpoint import Checkpoint
 from service.store.store import Store
 from service.zone import snapshot
@@ -53,15 +55,24 @@ class Learned(NamedTuple):
     """Samples of each zone that its state had already, and that were passed over."""
 
 
-def learn(config: Config, histories: Mapping[str, History], *, jobs: int | None = None) -> Learned:
+def learn(
+    config: Config,
+    histories: Mapping[str, History],
+    *,
+    jobs: int | None = None,
+    plant: Config | None = None,
+    reset: Sequence[str] = (),
+) -> Learned:
     """Take the `histories` that `survey` has found for the zones of `config` into their state.
 
-    `jobs` processes learn, by default one for each core. Raises ServiceError where the state cannot be written, a
-    daemon runs on it, or it belongs to another configuration.
+    `jobs` processes learn, by default one for each core. Zones of `plant`, the daemon's own configuration, teach new
+    ones; by default those of `config`. The state of the zones `reset` is set aside first. Raises ServiceError where the
+    state cannot be written, a daemon runs on it, or it belongs to another configuration.
     """
     store = Store(config.site.state_dir)
     try:
-        return asyncio.run(_learned(store, config, histories, jobs or os.cpu_count() or 1))
+        with audited(config.site.state_dir):
+            return asyncio.run(_learned(store, config, plant or config, histories, jobs or os.cpu_count() or 1, reset))
     except BrokenProcessPool as error:
         raise ServiceError(_ENDED) from error
     except ExceptionGroup as group:
@@ -72,8 +83,13 @@ def learn(config: Config, histories: Mapping[str, History], *, jobs: int | None 
         store.close()
 
 
-async def _learned(store: Store, config: Config, histories: Mapping[str, History], jobs: int) -> Learned:
+async def _learned(
+    store: Store, config: Config, plant: Config, histories: Mapping[str, History], jobs: int, reset: Sequence[str]
+) -> Learned:
     """Let every zone learn from what is new, zones in turn in so many processes."""
+    for name in reset:
+        await store.forget(name)
+        AUDIT.warning("the state of zone '%s' is set aside", name, extra=about("reset", "learn"))
     zones = [zone for zone in config.zones if histories[zone.id].recorded.samples]
     jobs = max(1, min(jobs, len(zones)))
     async with _processes(jobs) as processes:
@@ -82,7 +98,7 @@ async def _learned(store: Store, config: Config, histories: Mapping[str, History
         known: dict[str, int] = {}
         for zone in zones:
             samples = histories[zone.id].recorded.samples
-            neighbours = neighbourhood(config, zone, store.checkpoints)
+            neighbours = neighbourhood(plant, zone, store.checkpoints)
             student = _Student(store, zone, owners[zone.id], neighbours, end=samples[-1].time)
             # All know where they begin before one of them goes on: no zone learns from what is new.
             last = await student.resume()

@@ -68,9 +68,9 @@ def surveyed(config, start=None, end=None):
     return survey(config, config.zones, start, end)
 
 
-def learned(folder, start=None, end=None):
-    config = load_history(*written(folder))
-    return learn(config, surveyed(config, start, end), jobs=1)
+def learned(folder, start=None, end=None, history=HISTORY, reset=()):
+    config = load_history(*written(folder, history=history))
+    return learn(config, surveyed(config, start, end), jobs=1, reset=reset)
 
 
 def state_of(folder):
@@ -139,6 +139,13 @@ def test_a_run_that_was_interrupted_goes_on_with_the_same_bits(whole, tmp_path):
     assert result.known == {"room": 100}
     assert same_samples(state_of(folder), state_of(whole[0]))
     assert_same(state_of(folder)[3], state_of(whole[0])[3])
+
+
+def test_a_zone_that_learned_from_a_mistake_is_reset(whole, tmp_path):
+    learned(tmp_path, history=HISTORY.replace('"kW"', '"W"'))
+    assert learned(tmp_path).traces == []
+    learned(tmp_path, reset=["room"])
+    assert_same(state_of(tmp_path)[3], state_of(whole[0])[3])
 
 
 def test_what_the_recording_holds_is_told_before_the_work(tmp_path):
@@ -228,14 +235,10 @@ def site(whole, tmp_path_factory):
 
 
 def learned_next_door(folder, end=None, changes=()):
-    paths = written(
-        folder, PLANT + NEXT_DOOR, HISTORY + '\n[[zones]]\nid = "next"\n' + HISTORY.partition('"room"\n')[2]
-    )
-    config = load_history(*paths, changes)
-    histories = surveyed(config, None, end)
-    histories["room"] = histories["room"]._replace(recorded=histories["room"].recorded._replace(samples=()))
-    learn(config, histories, jobs=1)
-    zone = next(zone for zone in load(paths[0], changes).zones if zone.id == "next")
+    paths = written(folder, PLANT + NEXT_DOOR, HISTORY.replace('id = "room"', 'id = "next"'))
+    config, plant = load_history(*paths, changes), load(paths[0], changes)
+    learn(config, surveyed(config, None, end), jobs=1, plant=plant)
+    zone = next(zone for zone in plant.zones if zone.id == "next")
     with read_state(folder / "state") as state:
         return state.checkpoint("next", fingerprint(zone))
 
