@@ -14,23 +14,8 @@ from estimator.arrays import Array, Indices
 from estimator.types import Estimator, Mixture
 from estimator.verification.hindsight import HORIZONS
 from estimator.verification.scores import COMPONENTS, crps, reduced
-from estimator.verification.skill import SkillBook, empty_book, means, noted
+from estimator.verification.skill import IssuedScores, SkillBook, empty_book, noted, scores
 from estimator.verification.verification import LEVEL
-
-FIELDS = (
-    "forecasts",
-    "square",
-    "crps",
-    "covered",
-    "width",
-    "persistence",
-    "yesterday",
-    "persistence_crps",
-    "yesterday_crps",
-)
-"""Sums over the verified forecasts of an hour: their number, squared errors [K^2], CRPS [K], how many the interval
-covered, widths [K]; squared errors [K^2], and then absolute ones [K], of persistence and of the same time a day before,
-whose CRPS the absolute error of a number without a spread is."""
 
 _DAY = 86400.0
 _TAILS = np.array([0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
@@ -65,27 +50,6 @@ class Issued(NamedTuple):
     book: SkillBook
 
 
-class IssuedScores(NamedTuple):
-    """What a window says of H horizons. Arrays have shape (H,), NaN where nothing was verified."""
-
-    forecasts: Array
-    coverage: Array
-    crps: Array
-    """K."""
-    rmse: Array
-    """K."""
-    width: Array
-    """K."""
-    persistence_rmse: Array
-    """K."""
-    yesterday_rmse: Array
-    """K."""
-    persistence_crps: Array
-    """K."""
-    yesterday_crps: Array
-    """K."""
-
-
 class AsIssued:
     """Verifies the forecasts of `estimator` as they are issued. Every method is pure."""
 
@@ -101,7 +65,7 @@ class AsIssued:
 
     def start(self) -> Issued:
         """Before the first forecast."""
-        return Issued(_nothing(), empty_book(len(self._leads), len(FIELDS)))
+        return Issued(_nothing(), empty_book(len(self._leads), IssuedScores))
 
     def restart(self, issued: Issued) -> Issued:
         """The first sample after a gap: what was waiting has lost its time, what was verified is kept."""
@@ -136,18 +100,7 @@ class AsIssued:
     def scores(self, issued: Issued, time: int, days: int) -> IssuedScores:
         """What the forecasts of the last `days` days up to the sample at `time` [UTC s] were worth, in arrays (H,)
         beside `leads`."""
-        found = dict(zip(FIELDS, means(issued.book, time // 3600, 24 * days), strict=True))
-        return IssuedScores(
-            forecasts=found["forecasts"],
-            coverage=found["covered"],
-            crps=found["crps"],
-            rmse=np.sqrt(found["square"]),
-            width=found["width"],
-            persistence_rmse=np.sqrt(found["persistence"]),
-            yesterday_rmse=np.sqrt(found["yesterday"]),
-            persistence_crps=found["persistence_crps"],
-            yesterday_crps=found["yesterday_crps"],
-        )
+        return scores(IssuedScores, issued.book, time // 3600, 24 * days)
 
     def pack(self, issued: Issued) -> dict[str, Array]:
         """Everything as arrays, by name."""
@@ -189,7 +142,7 @@ def _changed(waiting: Waiting, change: Callable[[str, Any], Any]) -> Waiting:
 
 
 def _values(waiting: Waiting, row: int, y: float, persistence: float, yesterday: float) -> tuple[float, ...]:
-    """What a forecast of `y` was worth, by FIELDS without the number."""
+    """What a forecast of `y` was worth, by IssuedScores without the number."""
     there = waiting.weights[row] > 0.0
     mixture = Mixture(waiting.weights[row, there], waiting.means[row, there][None], waiting.sds[row, there][None])
     lower, upper = float(waiting.lower[row]), float(waiting.upper[row])

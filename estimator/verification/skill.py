@@ -1,6 +1,6 @@
 """How forecasts have turned out: sums by the hour, kept for thirty days, and the scores of any window in them."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -9,10 +9,6 @@ from estimator.arrays import Array, Indices
 
 HOURS = 720
 """Hours that are kept: thirty days."""
-
-FIELDS = ("forecasts", "square", "crps", "covered", "width", "persistence", "arx")
-"""Sums over the verified forecasts of an hour: their number, squared errors [K^2], CRPS [K], how many the interval
-covered, widths [K], squared errors of persistence and of the ARX model [K^2]."""
 
 Sums = npt.NDArray[np.float32]
 
@@ -27,14 +23,18 @@ class SkillBook(NamedTuple):
 
 
 class Scores(NamedTuple):
-    """What a window says of H horizons. Arrays have shape (H,), NaN where nothing was verified."""
+    """What a window says of H horizons. Arrays have shape (H,), NaN where nothing was verified.
+
+    A book holds the same of each hour in this order, as sums: of an RMSE squared errors [K^2].
+    """
 
     forecasts: Array
-    coverage: Array
-    crps: Array
-    """K."""
+    """How many."""
     rmse: Array
     """K."""
+    crps: Array
+    """K."""
+    coverage: Array
     width: Array
     """K."""
     persistence_rmse: Array
@@ -43,9 +43,35 @@ class Scores(NamedTuple):
     """K."""
 
 
-def empty_book(horizons: int, fields: int = len(FIELDS)) -> SkillBook:
-    """Nothing has been verified of `horizons`, each of which has so many `fields`."""
-    return SkillBook(np.full(HOURS, -1, dtype=np.int64), np.zeros((HOURS, horizons, fields), dtype=np.float32))
+class IssuedScores(NamedTuple):
+    """As `Scores`, of forecasts as they were issued."""
+
+    forecasts: Array
+    rmse: Array
+    """K."""
+    crps: Array
+    """K."""
+    coverage: Array
+    width: Array
+    """K."""
+    persistence_rmse: Array
+    """K."""
+    yesterday_rmse: Array
+    """Of the same time a day before [K]."""
+    persistence_crps: Array
+    """The absolute error of a number without a spread [K]."""
+    yesterday_crps: Array
+    """K."""
+
+
+Told = TypeVar("Told", Scores, IssuedScores)
+
+
+def empty_book(horizons: int, told: type[Scores | IssuedScores] = Scores) -> SkillBook:
+    """Nothing has been verified of `horizons`, of which these scores are to be `told`."""
+    return SkillBook(
+        np.full(HOURS, -1, dtype=np.int64), np.zeros((HOURS, horizons, len(told._fields)), dtype=np.float32)
+    )
 
 
 def noted(book: SkillBook, hour: int, horizon: int, values: tuple[float, ...]) -> SkillBook:
@@ -59,26 +85,12 @@ def noted(book: SkillBook, hour: int, horizon: int, values: tuple[float, ...]) -
     return SkillBook(hours, sums)
 
 
-def means(book: SkillBook, until: int, window: int) -> Array:
-    """The number of forecasts and the means of the other fields, (F, H), over the last `window` hours up to and with
-    the hour `until`; NaN where nothing was verified."""
+def scores(told: type[Told], book: SkillBook, until: int, window: int) -> Told:
+    """The scores of the last `window` hours up to and with the hour `until`."""
     within = (book.hours > until - window) & (book.hours <= until)
     total = book.sums[within].sum(axis=0, dtype=np.float64)
     count = total[:, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = total / np.where(count > 0.0, count, np.nan)[:, None]
-    return np.vstack([count, mean[:, 1:].T])
-
-
-def scores(book: SkillBook, until: int, window: int) -> Scores:
-    """The scores of the last `window` hours up to and with the hour `until`."""
-    count, square, score, covered, width, persistence, arx = means(book, until, window)
-    return Scores(
-        forecasts=count,
-        coverage=covered,
-        crps=score,
-        rmse=np.sqrt(square),
-        width=width,
-        persistence_rmse=np.sqrt(persistence),
-        arx_rmse=np.sqrt(arx),
-    )
+    named = zip(told._fields[1:], mean[:, 1:].T, strict=True)
+    return told(count, *(np.sqrt(column) if name.endswith("rmse") else column for name, column in named))

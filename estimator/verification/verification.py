@@ -111,7 +111,8 @@ class Verification:
     def scores(self, verified: Verified, time: int, days: int) -> Scores:
         """What the forecasts of the last `days` days up to the sample at `time` [UTC s] were worth, in arrays (H,)
         beside `leads`."""
-        return Scores(*(values[self._shown] for values in scores(verified.book, time // 3600, 24 * days)))
+        found = scores(Scores, verified.book, time // 3600, 24 * days)
+        return Scores(*(values[self._shown] for values in found))
 
     def pack(self, verified: Verified) -> dict[str, Array]:
         """Everything as arrays, by name."""
@@ -150,7 +151,7 @@ class Verification:
         return self._arx.update(arx, np.full(len(self._estimator.network.measured), np.nan)).state
 
     def _one_step(self, published: OneStep, arx: Any, outputs: Array, y: float) -> tuple[float, ...]:
-        """What the published forecast of `y` was worth, by FIELDS."""
+        """What the published forecast of `y` was worth, by Scores without the number."""
         mean, sd = float(published.mean[0]), float(published.sd[0])
         lower, upper = published.interval(LEVEL, 0) or (mean - 1.96 * sd, mean + 1.96 * sd)
         reference, last = float(self._arx.predictive(arx).mean()[0]), float(outputs[-1, 0])
@@ -164,7 +165,7 @@ class Verification:
         )
 
     def _values(self, mixture: Mixture, y: float, last: float, reference: float) -> tuple[float, ...]:
-        """What `mixture` was worth as a forecast of `y`, by FIELDS."""
+        """What `mixture` was worth as a forecast of `y`, by Scores without the number."""
         lower, upper = self._estimator.quantiles(mixture, _TAILS, 0).tolist()
         return (
             (y - float(mixture.mean()[0])) ** 2,

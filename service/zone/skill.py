@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from estimator.arrays import Array
 from estimator.loop import Loop, Standing
+from estimator.verification.skill import IssuedScores, Scores
 from estimator.verification.verification import LEVEL
 from service.records.skill import HorizonSkill, IssuedSkill, MemberWeights, Skill, SkillWindow
 
@@ -19,15 +19,16 @@ def skill_of(loop: Loop, standing: Standing, time: int) -> Skill:
     for days in WINDOWS:
         known = _rows(loop.verification.leads, loop.verification.scores(standing.verified, time, days))
         issued = _rows(loop.as_issued.leads, loop.as_issued.scores(standing.issued, time, days))
-        horizons = tuple(HorizonSkill.of(*row) for row in known)
-        windows.append(SkillWindow(days, horizons, tuple(IssuedSkill(*row) for row in issued)))
+        horizons = tuple(HorizonSkill.of(**row) for row in known)
+        windows.append(SkillWindow(days, horizons, tuple(IssuedSkill(**row) for row in issued)))
     weights = loop.estimator.member_weights(standing.state)
     members = tuple(MemberWeights(name, tuple(map(float, each))) for name, each in weights.items())
     return Skill(time, LEVEL, tuple(windows), members)
 
 
-def _rows(leads: Sequence[int], scores: Sequence[Array]) -> Iterator[Sequence[Any]]:
-    """Of each horizon the lead, the number of forecasts, and what the other `scores` (H,) say."""
-    counts, *values = (column.tolist() for column in scores)
-    for lead, count, *rest in zip(leads, counts, *values, strict=True):
-        yield [lead, int(count), *rest]
+def _rows(leads: Sequence[int], scores: Scores | IssuedScores) -> Iterator[dict[str, Any]]:
+    """Of each horizon the lead, and what the `scores` (H,) say."""
+    columns = {name: column.tolist() for name, column in scores._asdict().items()}
+    for place, lead in enumerate(leads):
+        row = {name: column[place] for name, column in columns.items()}
+        yield row | {"lead": lead, "forecasts": int(row["forecasts"])}

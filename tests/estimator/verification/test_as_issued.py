@@ -8,8 +8,9 @@ from estimator.loop import ISSUED_DRAWS, Loop
 from estimator.network.presets import network
 from estimator.registry import build
 from estimator.types import Mixture
-from estimator.verification.as_issued import FIELDS, AsIssued
+from estimator.verification.as_issued import AsIssued
 from estimator.verification.scores import crps
+from estimator.verification.skill import IssuedScores
 
 PERIOD = 1800
 DAY = 48
@@ -50,7 +51,7 @@ def test_the_scores_are_those_of_the_fans_that_were_issued(name):
     """A textbook version: keep every fan whole, and compare it with what came."""
     loop, steps = loop_of(name), 3 * DAY
     life = lived(loop, steps)
-    sums = np.zeros((len(LEADS), len(FIELDS)))
+    sums = np.zeros((len(LEADS), len(IssuedScores._fields)))
     for k, (carried, _) in enumerate(life):
         if (k + 1) % 2 != 0:
             continue
@@ -69,13 +70,11 @@ def test_the_scores_are_those_of_the_fans_that_were_issued(name):
             values = (1.0, error**2, crps(mixture, 0, y), lower <= y <= upper, upper - lower)
             sums[horizon] += [*values, (y - last) ** 2, (y - before) ** 2, abs(y - last), abs(y - before)]
     count, *means = sums.T
-    square, score, covered, width, persistence, yesterday, *absolute = (column / count for column in means)
+    expected = IssuedScores(count, *(column / count for column in means))
     found = scores(loop, life[-1][0], steps - 1)
     assert loop.as_issued.leads == tuple(PERIOD * lead for lead in LEADS)
-    np.testing.assert_array_equal(found.forecasts, count)
-    expected = (covered, score, np.sqrt(square), width, np.sqrt(persistence), np.sqrt(yesterday), *absolute)
-    for values, others in zip(found[1:], expected, strict=True):
-        np.testing.assert_allclose(values, others, rtol=1e-5)
+    for name, values, others in zip(found._fields, found, expected, strict=True):
+        np.testing.assert_allclose(values, np.sqrt(others) if name.endswith("rmse") else others, rtol=1e-5)
 
 
 def test_a_missing_measurement_is_no_error_and_a_gap_ends_what_was_waiting():
