@@ -127,6 +127,4 @@ def reset_by_run(zone: str) -> str:
 
 def one_line(sentence: str) -> str:
     """`sentence` with what a file may hold and a terminal should not get written as Python writes it."""
-    return "".join(
-        character if character.isprintable() else character.encode("unicode_escape").decode() for character in sentence
-    )
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in sentence)

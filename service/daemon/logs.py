@@ -24,6 +24,7 @@ from pydantic.warnings import UnsupportedFieldAttributeWarning
 
 from adapters.fields.times import written_time, written_to_the_millisecond
 from service.config.log import LEVELS, LogConfig
+from service.errors import one_line
 from service.store.audit import AUDIT, Trail
 
 WINDOW_SECONDS = 60.0
@@ -172,15 +173,6 @@ class Prefixed(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         priority = next((number for level, number in _PRIORITIES if record.levelno >= level), 7)
         return f"<{priority}>{self._formatter.format(record)}"
-
-
-def one_line(text: str) -> str:
-    """`text` with everything escaped that is no printable character."""
-    return text if text.isprintable() else "".join(c if c.isprintable() else _escaped(c) for c in text)
-
-
-def _escaped(character: str) -> str:
-    return character.encode("unicode_escape").decode()
 
 
 def _is_journal(stream: TextIO) -> bool:

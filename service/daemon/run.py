@@ -33,7 +33,7 @@ from service.daemon.serving import Serving
 from service.daemon.supply.ingest import Ingest
 from service.daemon.tasks import done_before, end
 from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
-from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError
+from service.errors import CertificateError, ConfigError, ReloadRefused
 from service.publish.sinks import Sink
 from service.store.audit import AUDIT, about
 from service.store.store import Store
@@ -56,10 +56,6 @@ def run_daemon(
     `reset` names zones whose stored state is set aside first. `reread` reads the configuration again for a reload.
     Raises ServiceError where the start fails.
     """
-    unknown = [name for name in reset if name not in {zone.id for zone in config.zones}]
-    if unknown:
-        known = ", ".join(zone.id for zone in config.zones)
-        raise ServiceError(f"--reset {unknown[0]}: there is no such zone; the zones are {known}")
     check_exposure(config)
     configure_logging(config.log)
     _warn(config)

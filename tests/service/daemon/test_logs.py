@@ -10,7 +10,7 @@ import warnings
 from pydantic.warnings import UnsupportedFieldAttributeWarning
 
 from service.config.log import LogConfig
-from service.daemon.logs import JsonFormatter, LimitedHandler, PlainFormatter, Prefixed, configure_logging, one_line
+from service.daemon.logs import JsonFormatter, LimitedHandler, PlainFormatter, Prefixed, configure_logging
 
 _log = logging.getLogger("service.test")
 
@@ -48,8 +48,6 @@ def test_plain_lines_are_one_line_whatever_is_in_them():
     assert len(written.splitlines()) == 1
     assert written.startswith("2025-05-03T12:00:00Z ERROR zone 'a' failed: x\\ny\\r\\x1b[31m\\u2028z °C\\nTraceback")
     assert "ValueError: two\\nlines" in written
-
-    assert one_line("21.5 °C, Größe, 室温") == "21.5 °C, Größe, 室温"
 
 
 def test_json_lines_are_objects():
