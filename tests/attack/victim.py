@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from support.harness import Daemon
+from support.observed import DELAY, scrape
 
 HOLD_SECONDS = 0.25
 """How long no client may hold the event loop."""
@@ -185,13 +186,8 @@ class Victim:
         return int(found[1]) / 1024
 
     def _holds(self) -> int:
-        text = self.target.get("/metrics").body.decode()
-        counts = {
-            le: float(count)
-            for le, count in re.findall(r'thermogate_event_loop_delay_seconds_bucket\{le="([^"]+)"\} (\S+)', text)
-        }
-        within = max(count for le, count in counts.items() if float(le) <= HOLD_SECONDS)
-        return int(counts["+Inf"] - within)
+        found = scrape(self.daemon)
+        return int(found[f"{DELAY}inf"] - found[f"{DELAY}{HOLD_SECONDS:g}"])
 
     def _lost(self, begin: float, end: float) -> int:
         """Intervals of the live zone in that time which no reading was taken in."""

@@ -35,7 +35,7 @@ HEAVY_ENDPOINTS = {
 }
 """What is computed on request or grows with the number of zones; one client asks for it, once a second."""
 
-_DELAY = "thermogate_event_loop_delay_seconds_bucket "
+DELAY = "thermogate_event_loop_delay_seconds_bucket "
 _LATE = 0.02
 """s of delay from which on a timer of the event loop is late."""
 
@@ -131,9 +131,9 @@ def loop_delays(before: Mapping[str, float], after: Mapping[str, float]) -> dict
     """Delays of the event loop between two scrapes: how many timers, how many of them late, and the bound that none
     exceeded."""
     counts = {
-        float(name.removeprefix(_DELAY)): count - before.get(name, 0.0)
+        float(name.removeprefix(DELAY)): count - before.get(name, 0.0)
         for name, count in after.items()
-        if name.startswith(_DELAY)
+        if name.startswith(DELAY)
     }
     total = max(counts.values(), default=0.0)
     bound = min((bound for bound, count in counts.items() if count >= total), default=float("inf"))
