@@ -16,7 +16,7 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.network.network import Parameter
-from estimator.network.presets import ecolar, tite
+from estimator.network.presets import PRESETS
 from replay.localtime import DAY, HOUR, Seconds, midnight, wall_clock
 from replay.recorded.raw_telemetry import (
     Faults,
@@ -49,7 +49,7 @@ THETA: Mapping[str, float] = _DATA["theta"]
 PANELS = tuple(Panel(*row) for row in _DATA["panels"].values())
 EXPERIMENT = SquareWave(1.0, 0.004, 1 * HOUR, 4 * HOUR)
 PROCESS_NOISE_SD = 0.004  # K per node and minute
-ADJACENT_ROOM = tite().with_solar("T_i", Parameter("A_w", "m2", 0.1, 30.0))
+ADJACENT_ROOM = PRESETS["tite"].with_solar("T_i", Parameter("A_w", "m2", 0.1, 30.0))
 STAFF, DOORS = (tuple(Habit(WEEKDAYS, *row) for row in rows) for rows in _DATA["habits"].values())
 AIR_SENSOR = Sensor(0.06, 0.1)
 OUTDOOR_SENSOR = Sensor(0.08, 0.1)
@@ -88,7 +88,7 @@ def simulate_period(start: int, end: int, seed: int) -> ZonePeriod:
     sky = weather(times, KONSTANZ, seed)
     adjacent = _adjacent_room(sky)
     rng = np.random.default_rng([seed, 0xEC0])
-    network = ecolar()
+    network = PRESETS["ecolar-6r4c"]
     forced = np.column_stack([square_wave(EXPERIMENT, len(times), GRID_STEP, rng) > 0 for _ in PANELS])
     loads = Loads(
         set_point=_set_points(local, rng),

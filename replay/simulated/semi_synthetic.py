@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from estimator.arrays import Array
-from estimator.network.presets import building_67
+from estimator.network.presets import PRESETS
 from replay.errors import WeatherFileError
 from replay.localtime import DAY, Seconds, midnight
 from replay.simulated.events import HEATER, UNMEASURED_GAIN, square_wave
@@ -58,7 +58,7 @@ def generate(weather_csv: Path | None, *, days: int | None = None, seed: int) ->
     heater = square_wave(HEATER, len(times), PERIOD, heating)
     gain = square_wave(UNMEASURED_GAIN, len(times), PERIOD, disturbing)
 
-    network = building_67()
+    network = PRESETS["building-67"]
     given = {"T_out": outdoor, "u_heat": heater, "I_sol": irradiance}
     unmeasured = np.zeros((len(times), len(network.nodes)))
     unmeasured[:, network.nodes.index(network.measured[0])] = gain

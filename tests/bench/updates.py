@@ -9,7 +9,7 @@ from bench.rows import Row, Sizes, growth, spread, text, timed
 
 from estimator import registry
 from estimator.arrays import Array
-from estimator.network.presets import building_67
+from estimator.network.presets import PRESETS
 from estimator.types import Estimator
 from replay.simulated import semi_synthetic
 from replay.simulated.semi_synthetic import PERIOD
@@ -24,7 +24,7 @@ class Samples:
     """Twenty simulated days of building 67 with an unmeasured gain, on which resampling happens as often as in use."""
 
     def __init__(self) -> None:
-        columns, network = semi_synthetic.generate(None, days=20, seed=1).columns, building_67()
+        columns, network = semi_synthetic.generate(None, days=20, seed=1).columns, PRESETS["building-67"]
         self._outputs, self._inputs = (
             np.column_stack([columns[name] for name in names]) for names in (network.measured, network.inputs)
         )
@@ -37,7 +37,7 @@ class Samples:
 
 def build(particles: int, **options: object) -> Estimator:
     """The filter of building 67, all ten parameters free, with the default options and what `options` changes."""
-    return registry.build("rbpf", building_67(), PERIOD, {"particles": particles, **options})
+    return registry.build("rbpf", PRESETS["building-67"], PERIOD, {"particles": particles, **options})
 
 
 def complete_update(estimator: Estimator, state: Any, outputs: Array, inputs: Array) -> tuple[Any, Array]:
@@ -97,7 +97,7 @@ def update(sizes: Sizes) -> list[Row]:
         ),
     ]
     for name in ("ekf", "ukf"):
-        estimator = registry.build(name, building_67(), PERIOD, {})
+        estimator = registry.build(name, PRESETS["building-67"], PERIOD, {})
         state, taken = settled(estimator, given, sizes.settle), []
         for index in range(sizes.settle, sizes.settle + sizes.growth_repeats):
             seconds, (state, _) = timed(lambda: complete_update(estimator, state, *given.at(index)))  # noqa: B023

@@ -28,7 +28,7 @@ _HELD = 2 * HOUR
 """How long a missing input keeps its last value [s]."""
 BRIDGED = 12
 """`max_gap` of a zone that does not set it."""
-_TITETHRIA = presets.titethria()
+_TITETHRIA = presets.network("titethria")
 _NETWORKS = {
     "with sun": _TITETHRIA.with_solar("T_i", presets.SOLAR_APERTURE).validate(),
     "without sun": _TITETHRIA.validate(),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimator.gaussian.floor import GAIN_CHANNEL, floor, with_known_gain
-from estimator.network.presets import building_67
+from estimator.network.presets import PRESETS
 from replay.scores.intervals import coverage, rmse, winkler
 from replay.simulated.semi_synthetic import MEASUREMENT_NOISE_SD, PERIOD, PROCESS_NOISE_SD, generate
 
@@ -33,9 +33,9 @@ def test_the_floor_is_calibrated_and_ignoring_the_gain_costs():
     The standard deviation of one interval's score is about .8 of that, and there are 4,031.
     """
     recording = generate(None, days=28, seed=3)
-    error, score, covered = scores(floor(with_known_gain(building_67(), "T_i"), PERIOD, **NOISE), recording)
+    error, score, covered = scores(floor(with_known_gain(PRESETS["building-67"], "T_i"), PERIOD, **NOISE), recording)
     assert covered == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 4000))
     assert score == pytest.approx(4.676 * np.hypot(error, MEASUREMENT_NOISE_SD), rel=0.05)
-    ignorant = scores(floor(building_67(), PERIOD, **NOISE), recording)
+    ignorant = scores(floor(PRESETS["building-67"], PERIOD, **NOISE), recording)
     assert ignorant[0] > 3 * error
     assert ignorant[1] > 3 * score

@@ -10,7 +10,7 @@ from support.tables import rows_of
 from estimator import registry
 from estimator.heat.terms import with_known_heat
 from estimator.network import presets
-from estimator.network.presets import automatic, building_67
+from estimator.network.presets import PRESETS, automatic
 from estimator.types import Mixture
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead.contenders import contenders, seeded
@@ -169,7 +169,7 @@ def naive_crps(mixture: Mixture, value: float) -> float:
 # Of the MKF's 200 scenarios, 64 are scored: its distribution function is off by up to 1/64.
 @pytest.mark.parametrize(("estimator", "options", "close"), [("ekf", {}, 1e-6), ("mkf", {"particles": 16}, 1 / 64)])
 def test_a_run_is_what_a_naive_loop_finds(estimator: str, options: dict[str, object], close: float) -> None:
-    network, record = building_67(), simulated_case(Request(days=2), 1).series
+    network, record = PRESETS["building-67"], simulated_case(Request(days=2), 1).series
     leads = leads_of(PERIOD)
     run = FilterRun(estimator, options, network, PERIOD, record, 3, leads=tuple(leads.values()))
     arrays = run_hours(run)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimator.errors import EstimatorError
-from estimator.network.presets import titeth
+from estimator.network.presets import PRESETS
 from replay.errors import ReplayError
 from replay.experiments.jobs import Arrays, Job, load, run_jobs, save
 
@@ -43,7 +43,7 @@ def job(number: float, folder: Path | None = None) -> Job:
         (np.zeros(3), np.zeros((3, 1))),
         (np.zeros(3), np.zeros(3, dtype=np.float32)),
         ({"a": 1}, {"b": 1}),
-        (titeth(), titeth().with_parameter("C_i", upper=2e8)),
+        (PRESETS["titeth"], PRESETS["titeth"].with_parameter("C_i", upper=2e8)),
     ],
 )
 def test_other_settings_have_another_fingerprint(one: object, other: object) -> None:

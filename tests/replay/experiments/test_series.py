@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.tables import rows_of
 
-from estimator.network.presets import building_67
+from estimator.network.presets import PRESETS
 from replay.experiments.hours_ahead.recordings import of_zone
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Trace, run_filter
@@ -39,7 +39,7 @@ def test_the_loop_says_what_the_zone_worker_publishes(tmp_path: Path) -> None:
 
 
 def test_scores_of_the_floor_are_those_of_someone_who_knows_everything() -> None:
-    network, case = building_67(), simulated_case(Request(days=12), 4)
+    network, case = PRESETS["building-67"], simulated_case(Request(days=12), 4)
     options = {"process_sd": PROCESS_NOISE_SD, "measurement_sd": MEASUREMENT_NOISE_SD}
     run = FilterRun("floor", options, network, PERIOD, case.series, 4)
     scores = figures(case, Trace(**run_filter(run)))
@@ -58,7 +58,7 @@ def test_scores_of_the_floor_are_those_of_someone_who_knows_everything() -> None
 )
 def test_the_filtered_convention_leaves_out_a_noise_that_is_known(estimator: str, options: dict[str, object]) -> None:
     series = simulated_case(Request(days=1), 1).series
-    run = FilterRun(estimator, options, building_67(), PERIOD, series, 1)
+    run = FilterRun(estimator, options, PRESETS["building-67"], PERIOD, series, 1)
     trace = Trace(**run_filter(run))
     assert np.isfinite(trace.mean[1:]).all()
     if estimator == "arx":

@@ -3,7 +3,7 @@ import numpy as np
 from estimator.network.assembly import assemble
 from estimator.network.discretise import discretise
 from estimator.network.network import Conductance, Gain, HeatInput, Network, Parameter
-from estimator.network.presets import building_67
+from estimator.network.presets import PRESETS
 from replay.scores.transfer import frequency_response, transfer_errors
 
 PERIOD = 600.0
@@ -38,7 +38,7 @@ def test_one_node_has_the_response_of_a_first_order_lag() -> None:
 
 
 def test_response_is_the_fourier_transform_of_the_impulse_response() -> None:
-    network = building_67()
+    network = PRESETS["building-67"]
     # Light nodes and strong links so that the impulse response has died away after the samples taken here.
     fast = {"C_i": 4e6, "C_m": 9e6, "C_e": 5e6, "C_h": 2e5, "C_s": 3e5, "g_e_out": 420.0}
     theta = np.array([fast.get(p.name, p.nominal) for p in network.parameters], dtype=float)[:, None]

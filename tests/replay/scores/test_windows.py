@@ -3,7 +3,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from estimator.network.presets import building_67
+from estimator.network.presets import PRESETS
 from replay.scores.windows import Window, daily_windows, open_loop_errors, quiet_segments
 from replay.simulated.simulate import simulate
 
@@ -58,7 +58,7 @@ def test_the_night_of_the_clock_change_lasts_an_hour_longer() -> None:
 
 
 def test_the_true_parameters_simulate_the_true_building() -> None:
-    network = building_67()
+    network = PRESETS["building-67"]
     rng = np.random.default_rng(1)
     inputs = np.column_stack([rng.normal(8, 4, 500), rng.uniform(0, 800, 500), rng.uniform(0, 600, 500)])
     states = simulate(network, {}, inputs, PERIOD, x0=np.array([20.0, 19.0, 15.0, 25.0, 20.0]))

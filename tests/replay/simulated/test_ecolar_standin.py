@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.network.presets import ecolar as ecolar_network
+from estimator.network.presets import PRESETS
 from replay.localtime import HOUR, midnight, wall_clock
 from replay.simulated.ecolar import (
     COLUMNS,
@@ -45,7 +45,7 @@ def rows(name: str, period: ZonePeriod, tmp_path_factory: pytest.TempPathFactory
 
 
 def test_parameters_lie_inside_the_box_of_the_network() -> None:
-    for parameter in ecolar_network().parameters:
+    for parameter in PRESETS["ecolar-6r4c"].parameters:
         assert parameter.lower < THETA[parameter.name] < parameter.upper
 
 

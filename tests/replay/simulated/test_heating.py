@@ -1,6 +1,6 @@
 import numpy as np
 
-from estimator.network.presets import titeth
+from estimator.network.presets import PRESETS
 from replay.simulated.heating import Heated, Loads, Panel, simulate_heated
 from replay.simulated.simulate import dynamics, simulate
 
@@ -23,7 +23,9 @@ def _loads(**changes: np.ndarray) -> Loads:
 
 def _run(loads: Loads, outdoor: float = 0.0) -> Heated:
     boundaries = np.full((SAMPLES, 1), outdoor)
-    return simulate_heated(titeth(), dynamics(titeth(), THETA, 60.0), boundaries, loads, (PANEL,), x0=START)
+    return simulate_heated(
+        PRESETS["titeth"], dynamics(PRESETS["titeth"], THETA, 60.0), boundaries, loads, (PANEL,), x0=START
+    )
 
 
 def test_what_it_reports_reproduces_its_temperatures_in_open_loop() -> None:
@@ -33,7 +35,7 @@ def test_what_it_reports_reproduces_its_temperatures_in_open_loop() -> None:
     inputs = np.column_stack([np.zeros(SAMPLES), heated.powers.sum(axis=1)])
     unmeasured = np.column_stack([heated.unmeasured, np.zeros((SAMPLES, 2))])
     np.testing.assert_allclose(
-        simulate(titeth(), THETA, inputs, 60.0, x0=START, unmeasured=unmeasured), heated.states, rtol=1e-10
+        simulate(PRESETS["titeth"], THETA, inputs, 60.0, x0=START, unmeasured=unmeasured), heated.states, rtol=1e-10
     )
     assert (heated.unmeasured[opening > 0] < 0).all()
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from estimator.network.presets import ecolar
+from estimator.network.presets import PRESETS
 from replay.experiments.hours_ahead.recordings import Recording, of_zone
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
@@ -44,7 +44,7 @@ CONVENTIONS = {
 def prepare(request: Request) -> Study:
     """The experiment for `request`; ReplayError, ServiceError or ConfigError where it cannot be made."""
     request.accept("data", "seeds", "days", "particles")
-    network = ecolar().validate()
+    network = PRESETS["ecolar-6r4c"].validate()
     periods = dict(_read(request))
     jobs = []
     for name, series in periods.items():

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.gaussian.floor import GAIN_CHANNEL, with_known_gain
-from estimator.network.presets import building_67
+from estimator.network.presets import PRESETS
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
 from replay.experiments.request import Request
@@ -22,7 +22,7 @@ from replay.scores.transfer import transfer_errors
 from replay.scores.windows import open_loop_errors, quiet_segments
 from replay.simulated.semi_synthetic import MEASUREMENT_NOISE_SD, PERIOD, Truth, generate
 
-NETWORK = building_67().validate()
+NETWORK = PRESETS["building-67"].validate()
 HELD = ("C_i", "C_h", "C_s", "g_is")
 """Parameters that the authors' runs hold at the truth."""
 NOISE: Mapping[str, object] = {"measurement_sd": MEASUREMENT_NOISE_SD}
