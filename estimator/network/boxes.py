@@ -56,41 +56,23 @@ class PerArea(NamedTuple):
         return sqrt(self.lower * self.upper)
 
 
-_INTERIOR = PerArea(3e3, 2e5)
-_STRUCTURE = PerArea(2e4, 1e6)
-_WALL = PerArea(1e4, 1e6)
-_TO_STRUCTURE = PerArea(0.5, 40.0)
-_WITHIN_STRUCTURE = PerArea(0.1, 40.0)
-_STRUCTURE_OUT = PerArea(0.1, 10.0)
-_DIRECT_OUT = PerArea(0.05, 5.0)
-_HEATER = PerArea(0.2, 30.0)
-_NEIGHBOUR = PerArea(0.05, 10.0)
-
 PER_AREA: Mapping[str, PerArea] = {
-    "C_i": _INTERIOR,
-    "C_air": _INTERIOR,
-    "C_e": _STRUCTURE,
-    "C_wo": _WALL,
-    "C_woi": _WALL,
-    "C_woo": _WALL,
-    "C_wi": _WALL,
-    "C_h": PerArea(50.0, 1.5e5),
-    "g_ie": _TO_STRUCTURE,
-    "g_air_wo": _TO_STRUCTURE,
-    "g_air_woi": _TO_STRUCTURE,
-    "g_air_wi": _TO_STRUCTURE,
-    "g_woi_woo": _WITHIN_STRUCTURE,
-    "g_e_out": _STRUCTURE_OUT,
-    "g_wo_out": _STRUCTURE_OUT,
-    "g_woo_out": _STRUCTURE_OUT,
-    "g_i_out": _DIRECT_OUT,
-    "g_air_out": _DIRECT_OUT,
-    "g_ih": _HEATER,
-    "g_air_h": _HEATER,
-    "g_wi_adj": _NEIGHBOUR,
-    "g_air_adj": _NEIGHBOUR,
-    "g_ground": PerArea(0.02, 5.0),
-    "A_w": PerArea(0.002, 0.3),
+    name: PerArea(lower, upper)
+    for names, lower, upper in (
+        ("C_i C_air", 3e3, 2e5),
+        ("C_e", 2e4, 1e6),
+        ("C_wo C_woi C_woo C_wi", 1e4, 1e6),
+        ("C_h", 50.0, 1.5e5),
+        ("g_ie g_air_wo g_air_woi g_air_wi", 0.5, 40.0),
+        ("g_woi_woo", 0.1, 40.0),
+        ("g_e_out g_wo_out g_woo_out", 0.1, 10.0),
+        ("g_i_out g_air_out", 0.05, 5.0),
+        ("g_ih g_air_h", 0.2, 30.0),
+        ("g_i_adj g_wi_adj g_air_adj", 0.05, 10.0),
+        ("g_ground", 0.02, 5.0),
+        ("A_w", 0.002, 0.3),
+    )
+    for name in names.split()
 }
 """By the parameter's name in the generic networks. The paths to neighbours of `auto`, g_i_adj..., share one range."""
 
@@ -113,7 +95,7 @@ def box(parameter: Parameter, smallest: float, largest: float) -> Parameter:
     name = parameter.name
     if name.startswith(_SHARES):
         return parameter
-    per_area = _NEIGHBOUR if name.startswith(_NEIGHBOURS) else PER_AREA.get(name)
+    per_area = PER_AREA.get(_NEIGHBOURS if name.startswith(_NEIGHBOURS) else name)
     if per_area is None:
         raise NetworkError(f"parameter '{name}' has no range per m2 of floor area")
     lower, upper = per_area.lower * smallest, per_area.upper * largest
