@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import Array, under
 from estimator.bank.bank import Bank, BankState
 from estimator.blackbox.arx import ARX, ARXState
 from estimator.blackbox.daily import Daily, DailyState
@@ -294,15 +294,12 @@ def _proved(states: Sequence[BankState]) -> dict[str, Array]:
 
 
 def _begun_bank(bank: Bank, state: BankState, time: float, known: Experience) -> BankState:
-    def under(prefix: str) -> dict[str, Array]:
-        return {name.removeprefix(prefix): value for name, value in known.items() if name.startswith(prefix)}
-
     members = tuple(
-        begun(member, own, time, under(f"member.{place}."))
+        begun(member, own, time, under(f"member.{place}.", known))
         for place, (member, own) in enumerate(zip(bank.members, state.members, strict=True))
     )
     return state._replace(
         members=members,
-        costs=state.costs._replace(**under("costs.")),
-        widths=state.widths._replace(**under("widths.")),
+        costs=state.costs._replace(**under("costs.", known)),
+        widths=state.widths._replace(**under("widths.", known)),
     )

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from estimator.arrays import Array
+from estimator.arrays import Array, together, under
 from estimator.bank.coverage import Widths, no_widths, with_place
 from estimator.bank.mixing import mixed, mixed_futures, stretched
 from estimator.bank.options import BankOptions, prior_at
@@ -290,26 +290,23 @@ class Bank:
 
     def pack(self, state: BankState) -> dict[str, Array]:
         """The arrays of a state, by name."""
-        arrays: dict[str, Array] = {"lost": state.lost, "phase": state.phase}
-        arrays |= {f"costs.{name}": value for name, value in state.costs._asdict().items()}
-        arrays |= {f"widths.{name}": value for name, value in state.widths._asdict().items()}
-        arrays |= {f"pending.{name}": value for name, value in self._hindsight.pack(state.pending).items()}
-        for place, (member, own) in enumerate(zip(self.members, state.members, strict=True)):
-            arrays |= {f"member.{place}.{name}": np.asarray(value) for name, value in member.pack(own).items()}
-        return arrays
+        pending, members = self._hindsight.pack(state.pending), zip(self.members, state.members, strict=True)
+        parts = {"costs.": state.costs._asdict(), "widths.": state.widths._asdict(), "pending.": pending}
+        parts |= {f"member.{place}.": member.pack(own) for place, (member, own) in enumerate(members)}
+        return {"lost": state.lost, "phase": state.phase} | together(parts)
 
     def unpack(self, arrays: Mapping[str, Array]) -> BankState:
         """The state of packed arrays."""
-        pending = self._hindsight.unpack(_under("pending.", arrays))
+        pending = self._hindsight.unpack(under("pending.", arrays))
         # Before there was a reach, nothing held the members together.
         issues = tuple(_with_reach(issue, len(self.members) + 2) for issue in pending.issues)
         return BankState(
             members=tuple(
-                member.unpack(_under(f"member.{place}.", arrays)) for place, member in enumerate(self.members)
+                member.unpack(under(f"member.{place}.", arrays)) for place, member in enumerate(self.members)
             ),
             pending=pending._replace(issues=issues),
-            costs=Costs(**_under("costs.", arrays)),
-            widths=Widths(**_under("widths.", arrays)),
+            costs=Costs(**under("costs.", arrays)),
+            widths=Widths(**under("widths.", arrays)),
             lost=arrays["lost"],
             phase=arrays["phase"],
         )
@@ -434,10 +431,6 @@ def _with_reach(issue: Issue, rows: int) -> Issue:
     """`issue` with a note of as many `rows`."""
     note = issue.note
     return issue if len(note) == rows else issue._replace(note=np.vstack([note, np.full(note.shape[1], np.inf)]))
-
-
-def _under(prefix: str, arrays: Mapping[str, Array]) -> dict[str, Array]:
-    return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
 
 
 def _mixed_likelihood(shares: Array, posteriors: Sequence[Posterior]) -> float:

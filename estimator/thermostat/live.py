@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array, Indices
+from estimator.arrays import Array, Indices, together, under
 from estimator.bank.bank import Bank
 from estimator.bank.coverage import Widths, no_widths, with_place
 from estimator.bank.mixing import mixed, mixed_futures, stretched
@@ -440,10 +440,8 @@ class LiveForecasts:
         """Everything as arrays, by name."""
         arrays = {"step": np.array(live.step), "errors": live.errors}
         arrays |= {"setpoints": live.setpoints, "heat": live.heat}
-        for part, costs in (("members", live.members), ("futures", live.futures)):
-            arrays |= {f"{part}.{name}": value for name, value in costs._asdict().items()}
-        for width, widths in zip(_WIDTHS, live.widths, strict=True):
-            arrays |= {f"{width}.{name}": value for name, value in widths._asdict().items()}
+        arrays |= together({"members.": live.members._asdict(), "futures.": live.futures._asdict()})
+        arrays |= together({f"{width}.": one._asdict() for width, one in zip(_WIDTHS, live.widths, strict=True)})
         if live.issues:
             for name in _PLAIN:
                 arrays[f"issues.{name}"] = np.stack([getattr(issue, name) for issue in live.issues])
@@ -462,7 +460,7 @@ class LiveForecasts:
         issues = []
         for row in range(len(arrays["issues.step"]) if "issues.foreseen" in arrays else 0):
             drawn = tuple(
-                {name: values[row] for name, values in _under(f"drawn.{place}.", arrays).items()}
+                {name: values[row] for name, values in under(f"drawn.{place}.", arrays).items()}
                 for place in range(len(self._members))
             )
             # What was issued before it was known that foresight errs took it for exact.
@@ -474,10 +472,10 @@ class LiveForecasts:
             setpoints=arrays["setpoints"],
             heat=arrays.get("heat", np.full(len(arrays["setpoints"]), np.nan)),
             issues=tuple(issues),
-            members=Costs(**_under("members.", arrays)),
-            futures=Costs(**_under("futures.", arrays)),
+            members=Costs(**under("members.", arrays)),
+            futures=Costs(**under("futures.", arrays)),
             widths=tuple(
-                Widths(**(old._asdict() | _under(f"{width}.", arrays)))
+                Widths(**(old._asdict() | under(f"{width}.", arrays)))
                 for width, old in zip(_WIDTHS, fresh.widths, strict=True)
             ),
             errors=arrays.get("errors", fresh.errors),
@@ -722,10 +720,6 @@ def _hourly(rows: Array, period: float) -> Array:
 
 
 _PLAIN = tuple(name for name in Issue._fields if name != "drawn")
-
-
-def _under(prefix: str, arrays: Mapping[str, Array]) -> dict[str, Array]:
-    return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
 
 
 _LEFT_OUT = ("network", "member", "share", "point", "mean", "covariance", "point_is_fan")

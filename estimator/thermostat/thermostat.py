@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import Array, together
 from estimator.network.network import Network
 from estimator.thermostat.law import Laws, identified, no_laws
 from estimator.thermostat.memory import Memory, in_order, no_memory, remembered
@@ -62,9 +62,8 @@ def without(thermostat: Thermostat, since: float) -> Thermostat:
 
 def pack(thermostat: Thermostat) -> dict[str, Array]:
     """Everything as arrays, by name."""
-    arrays = {_MEMORY + name: value for name, value in thermostat.memory._asdict().items()}
-    arrays |= {_SETPOINT: np.array(thermostat.setpoint), _INPUTS: thermostat.inputs}
-    return arrays | {_LAWS + name: value for name, value in thermostat.laws._asdict().items()}
+    arrays = together({_MEMORY: thermostat.memory._asdict(), _LAWS: thermostat.laws._asdict()})
+    return arrays | {_SETPOINT: np.array(thermostat.setpoint), _INPUTS: thermostat.inputs}
 
 
 def unpack(arrays: Mapping[str, Array], width: int) -> Thermostat:

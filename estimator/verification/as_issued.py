@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array, Indices
+from estimator.arrays import Array, Indices, together, under
 from estimator.types import Estimator, Mixture
 from estimator.verification.hindsight import HORIZONS
 from estimator.verification.scores import COMPONENTS, crps, reduced
@@ -104,14 +104,13 @@ class AsIssued:
 
     def pack(self, issued: Issued) -> dict[str, Array]:
         """Everything as arrays, by name."""
-        book = {_BOOK + name: value for name, value in issued.book._asdict().items()}
-        return issued.waiting._asdict() | book
+        return issued.waiting._asdict() | together({_BOOK: issued.book._asdict()})
 
     def unpack(self, arrays: Mapping[str, Array]) -> Issued:
         """What was packed, with the same bits; before the first forecast where nothing was."""
         if not arrays:
             return self.start()
-        book = SkillBook(*(arrays[_BOOK + name] for name in SkillBook._fields))  # type: ignore[arg-type]
+        book = SkillBook(**under(_BOOK, arrays))
         return Issued(Waiting(*(arrays[name] for name in Waiting._fields)), book)  # type: ignore[arg-type]
 
 

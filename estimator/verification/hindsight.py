@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import Array, under
 from estimator.network.network import Network
 from estimator.types import Estimator, Mixture
 
@@ -128,9 +128,7 @@ class Hindsight:
         steps = arrays["issued"].tolist()
         samples: list[Iterable[Any]] = []
         for place, member in enumerate(self._members):
-            prefix = f"{place}."
-            own = {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
-            kind = member.issue_type
+            own, kind = under(f"{place}.", arrays), member.issue_type
             samples.append([kind(**{name: value[row] for name, value in own.items()}) for row in range(len(steps))])
         notes = arrays.get("note", [NOTHING] * len(steps))
         issues = tuple(Issue(*each) for each in zip(steps, zip(*samples, strict=True), notes, strict=True))

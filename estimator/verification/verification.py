@@ -4,12 +4,12 @@ One step is what was published, at every sample. Hours ahead it is a forecast th
 when its time has come, under the inputs that really followed (`estimator.verification.hindsight`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import Array, together, under
 from estimator.blackbox import options as blackbox_options
 from estimator.blackbox.arx import ARX
 from estimator.types import Estimator, Mixture, Outcome, Posterior
@@ -116,25 +116,17 @@ class Verification:
 
     def pack(self, verified: Verified) -> dict[str, Array]:
         """Everything as arrays, by name."""
-        parts: Sequence[tuple[str, Mapping[str, Any]]] = (
-            (_PENDING, self._hindsight.pack(verified.pending)),
-            (_ARX, self._arx.pack(verified.arx)),
-            (_BOOK, verified.book._asdict()),
-        )
-        packed = {f"{prefix}{name}": np.asarray(value) for prefix, part in parts for name, value in part.items()}
-        return packed | {"outputs": verified.outputs}
+        pending, arx = self._hindsight.pack(verified.pending), self._arx.pack(verified.arx)
+        parts = {_PENDING: pending, _ARX: arx, _BOOK: verified.book._asdict()}
+        return together(parts) | {"outputs": verified.outputs}
 
     def unpack(self, arrays: Mapping[str, Array]) -> Verified:
         """What was packed, with the same bits."""
-        parts = {
-            prefix: {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
-            for prefix in (_PENDING, _ARX, _BOOK)
-        }
         return Verified(
-            pending=self._hindsight.unpack(parts[_PENDING]),
-            arx=self._arx.unpack(parts[_ARX]),
+            pending=self._hindsight.unpack(under(_PENDING, arrays)),
+            arx=self._arx.unpack(under(_ARX, arrays)),
             outputs=arrays["outputs"],
-            book=SkillBook(**parts[_BOOK]),  # type: ignore[arg-type]
+            book=SkillBook(**under(_BOOK, arrays)),
         )
 
     def _reference(self, arx: Any, outputs: Array, last: Array) -> Any:

@@ -19,6 +19,7 @@ from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter
 from pydantic.dataclasses import dataclass
 
 from adapters.reading import Quality
+from estimator.arrays import together, under
 from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record
 from estimator.diagnosis.telemetry.earlier import Earlier
@@ -101,26 +102,21 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
         _BEGAN: carried.experience or {},
     }
     for place, earlier in enumerate(carried.earlier):
-        under = _EARLIER.format(place)
-        parts[under] = {_TIME: np.array(earlier.time, dtype=np.float64)}
-        parts[under + _STATE] = loop.estimator.pack(earlier.state)
-        parts[under + _LIVE] = loop.live.pack(earlier.live)
+        part = _EARLIER.format(place)
+        parts[part] = {_TIME: np.array(earlier.time, dtype=np.float64)}
+        parts[part + _STATE] = loop.estimator.pack(earlier.state)
+        parts[part + _LIVE] = loop.live.pack(earlier.live)
     shown = update._replace(gate=update.shown_gate, effective_sample_size=update.shown_sample_size)
     meta = _META.dump_python(
         _Meta(worker.input_quality, worker.progress, shown, carried.diagnosis, worker.trust, carried.suspicions),
         mode="json",
     )
-    return Checkpoint(mark, int(worker.progress.last_time or 0), _named(parts), meta, _about(worker, estimator))
-
-
-def _named(parts: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """The arrays of all `parts`, each under the name of its part."""
-    return {under + name: np.asarray(value) for under, part in parts.items() for name, value in part.items()}
+    return Checkpoint(mark, int(worker.progress.last_time or 0), together(parts), meta, _about(worker, estimator))
 
 
 def beginning(worker: ZoneWorker, mark: str, estimator: str, experience: Experience) -> Checkpoint:
     """The checkpoint, before every sample, of a fresh `worker` that begins with `experience`."""
-    return Checkpoint(mark, BEGINNING, _named({_BEGAN: experience}), {}, _about(worker, estimator))
+    return Checkpoint(mark, BEGINNING, together({_BEGAN: experience}), {}, _about(worker, estimator))
 
 
 def _about(worker: ZoneWorker, estimator: str) -> dict[str, object]:
@@ -146,50 +142,45 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
     begin(worker, checkpoint)
     if checkpoint.is_beginning:
         return
-    meta, loop = _META.validate_python(checkpoint.meta), worker.loop
+    meta, loop, arrays = _META.validate_python(checkpoint.meta), worker.loop, checkpoint.arrays
     update = meta.latest
     if update.gate is not None and update.gate.regime == CONSTANT:
         update = update._replace(gate=None)
     if update.effective_sample_size is not None and math.isnan(update.effective_sample_size):
         update = update._replace(effective_sample_size=None)
     carried = worker.carried._replace(
-        held=Held(**_part(checkpoint, _HELD)),
-        day=restored(_part(checkpoint, _DAY)),
-        record=Record(**_part(checkpoint, _RECORD)),
-        live=loop.live.unpack(_part(checkpoint, _LIVE)),
+        held=Held(**under(_HELD, arrays)),
+        day=restored(under(_DAY, arrays)),
+        record=Record(**under(_RECORD, arrays)),
+        live=loop.live.unpack(under(_LIVE, arrays)),
         suspicions=meta.suspicions,
-        earlier=tuple(_earlier(loop, checkpoint)),
+        earlier=tuple(_earlier(loop, arrays)),
         diagnosis=meta.diagnosis,
         vanished=meta.progress.vanished,
         standing=LoopStanding(
-            loop.estimator.unpack(_part(checkpoint, _ESTIMATOR)),
+            loop.estimator.unpack(under(_ESTIMATOR, arrays)),
             stated(update.forecast),
-            loop.verification.unpack(_part(checkpoint, _VERIFIED)),
-            loop.as_issued.unpack(_part(checkpoint, _ISSUED)),
+            loop.verification.unpack(under(_VERIFIED, arrays)),
+            loop.as_issued.unpack(under(_ISSUED, arrays)),
         ),
     )
     # State of before the telemetry was watched has none.
-    if recent := _part(checkpoint, _RECENT):
+    if recent := under(_RECENT, arrays):
         carried = carried._replace(recent=Recent(**recent))
     # A zone that was told no set-point once stored nothing of these.
-    if known := _part(checkpoint, _THERMOSTAT):
+    if known := under(_THERMOSTAT, arrays):
         carried = carried._replace(thermostat=thermostats.unpack(known, len(worker.network.inputs)))
     worker.resume(Standing(carried, update), meta.held_qualities, meta.progress, meta.trust)
 
 
 def begin(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
     """Let a fresh `worker` begin with what the zone of the checkpoint began with."""
-    worker.carried = worker.carried._replace(experience=_part(checkpoint, _BEGAN) or None)
+    worker.carried = worker.carried._replace(experience=under(_BEGAN, checkpoint.arrays) or None)
 
 
-def _earlier(loop: Loop, checkpoint: Checkpoint) -> Iterator[Earlier]:
-    for under in map(_EARLIER.format, count()):
-        if not (state := _part(checkpoint, under + _STATE)):
+def _earlier(loop: Loop, arrays: Mapping[str, Any]) -> Iterator[Earlier]:
+    for part in map(_EARLIER.format, count()):
+        if not (state := under(part + _STATE, arrays)):
             return
-        live = loop.live.unpack(_part(checkpoint, under + _LIVE))
-        yield Earlier(float(checkpoint.arrays[under + _TIME]), loop.estimator.unpack(state), live)
-
-
-def _part(checkpoint: Checkpoint, under: str) -> dict[str, Any]:
-    arrays = checkpoint.arrays
-    return {name.removeprefix(under): value for name, value in arrays.items() if name.startswith(under)}
+        live = loop.live.unpack(under(part + _LIVE, arrays))
+        yield Earlier(float(arrays[part + _TIME]), loop.estimator.unpack(state), live)
