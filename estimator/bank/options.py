@@ -1,7 +1,7 @@
 """Options of the bank: its members, and how their weights and the width of what is published are learned."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ from estimator.arrays import Array
 from estimator.errors import OptionsError
 from estimator.network.family import family
 from estimator.network.network import Network
-from estimator.option_checks import check_known, checked_number
+from estimator.option_checks import check_known, in_force, names, number, whole
 
 PRIOR_HOURS = (0.0, 1.0, 6.0, 24.0)
 """Leads [h] at which a member's weight a priori is given; the first is one step."""
@@ -81,32 +81,21 @@ class BankOptions:
     members: Mapping[str, Member] = field(default_factory=dict)
     voice: str = ""
     """The member whose volatility and gate are published."""
-    discount: float = 0.998
+    discount: float = number(0.998, 0.5, 1.0)
     """What an hour leaves of an old cost."""
-    learning_rate: float = 0.1
+    learning_rate: float = number(0.1, 0.0, 10.0)
     """How much an hour's cost, in units of the mixture's, moves the log of a weight."""
-    sharing: float = 0.5
+    sharing: float = number(0.5, 0.0, 1.0)
     """How much of a horizon's cost counts at the next longer one."""
-    coverage: float = 0.95
+    coverage: float = number(0.95, 0.5, 0.999)
     """Level of the interval whose coverage is kept."""
-    feedback: float = 0.02
+    feedback: float = number(0.02, 0.0, 1.0)
     """Step of the log of the published spread at every verified forecast."""
-    first_feedback: float = 1.0
+    first_feedback: float = number(1.0, 0.0, 10.0)
     """The same times the number of verified forecasts, where that is more."""
-    scenarios: int = 96
+    scenarios: int = whole(96, 8, 100_000)
     """Sampled futures that a member brings into a forecast."""
 
-
-_RANGES = {
-    "discount": (0.5, 1.0),
-    "learning_rate": (0.0, 10.0),
-    "sharing": (0.0, 1.0),
-    "coverage": (0.5, 0.999),
-    "feedback": (0.0, 1.0),
-    "first_feedback": (0.0, 10.0),
-    "scenarios": (8, 100_000),
-}
-_WHOLE = ("scenarios",)
 
 Resolve = Any
 """`resolve(estimator, network, period, given)` of the registry."""
@@ -117,7 +106,7 @@ def resolver(resolve_member: Resolve) -> Any:
 
     def resolve(network: Network, period: float, given: Mapping[str, object]) -> BankOptions:
         """The options in force; OptionsError with one sentence naming the option that is wrong."""
-        check_known(given, {each.name for each in fields(BankOptions)}, "bank")
+        check_known(given, names(BankOptions), "bank")
         tables = given.get("members", default_members(network))
         if not isinstance(tables, Mapping) or not tables:
             raise OptionsError(
@@ -126,12 +115,8 @@ def resolver(resolve_member: Resolve) -> Any:
         members = {
             str(name): _member(str(name), table, network, period, resolve_member) for name, table in tables.items()
         }
-        numbers: Any = {
-            name: checked_number(name, given[name], *limits, whole=name in _WHOLE)
-            for name, limits in _RANGES.items()
-            if name in given
-        }
-        return BankOptions(members=members, voice=_voice(given, members), **numbers)
+        numbers = {name: value for name, value in given.items() if name not in ("members", "voice")}
+        return replace(in_force(BankOptions, network, numbers), members=members, voice=_voice(given, members))
 
     return resolve
 

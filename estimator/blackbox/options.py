@@ -1,27 +1,24 @@
 """Options of the online ARX model, of the one on changes since the day before, and of the direct regressions."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
+from typing import TypeVar
 
-from estimator.errors import OptionsError
 from estimator.network.network import Network
-from estimator.option_checks import check_known, checked_number
-
-_MEMORY_DAYS = 60.0
+from estimator.option_checks import check_known, flag, in_force, names, number, whole
 
 
 @dataclass(frozen=True)
 class ARXOptions:
     """Everything the model can be told."""
 
-    past_outputs: int = 6
+    past_outputs: int = whole(6, 1, 48)
     """Past values of the output in a regression."""
-    past_inputs: int = 3
+    past_inputs: int = whole(3, 1, 48)
     """Past values of every input, that of the step itself among them."""
-    memory_days: float = _MEMORY_DAYS
+    memory_days: float = number(60.0, 0.1, 1e6)
     """Time constant with which old samples are forgotten [d]."""
-    verified_memory_days: float = 20.0
+    verified_memory_days: float = number(20.0, 0.1, 1e6)
     """The same for the verified errors from which the spread of a forecast follows [d]."""
 
 
@@ -29,49 +26,34 @@ class ARXOptions:
 class DirectOptions:
     """Everything the direct regressions can be told."""
 
-    memory_days: float = _MEMORY_DAYS
+    memory_days: float = number(60.0, 0.1, 1e6)
     """Time constant with which old samples are forgotten [d]."""
-    verified_memory_days: float = 20.0
+    verified_memory_days: float = number(20.0, 0.1, 1e6)
     """The same for verified forecasts, from which trust and spread follow [d]."""
-    penalty_days: float = 0.2
+    penalty_days: float = number(0.2, 1e-6, 1e6)
     """Days of samples that speak for persistence."""
-    blind: bool = False
+    blind: bool = flag(False)
     """Whether inputs to come are left out: for forecasts that need no plan, and where they mislead."""
 
 
-_RANGES = {
-    "penalty_days": (1e-6, 1e6),
-    "past_outputs": (1, 48),
-    "past_inputs": (1, 48),
-    "memory_days": (0.1, 1e6),
-    "verified_memory_days": (0.1, 1e6),
-}
-_WHOLE = ("past_outputs", "past_inputs")
+_Options = TypeVar("_Options", ARXOptions, DirectOptions)
 
 
 def resolve(network: Network, period: float, given: Mapping[str, object]) -> ARXOptions:
     """The options in force; OptionsError with one sentence naming the option that is wrong."""
-    return _resolve("arx", {}, given)
+    return _resolve(ARXOptions, "arx", network, given)
 
 
 def resolve_daily(network: Network, period: float, given: Mapping[str, object]) -> ARXOptions:
     """The same for changes since the day before, which hold little that more of the past could tell."""
-    return _resolve("daily", {"past_outputs": 1, "past_inputs": 1}, given)
+    return _resolve(ARXOptions, "daily", network, {"past_outputs": 1, "past_inputs": 1, **given})
 
 
 def resolve_direct(network: Network, period: float, given: Mapping[str, object]) -> DirectOptions:
     """The options in force; OptionsError with one sentence naming the option that is wrong."""
-    check_known(given, {field.name for field in fields(DirectOptions)}, "direct")
-    blind = given.get("blind", False)
-    if not isinstance(blind, bool):
-        raise OptionsError(f"blind = {blind!r} must be true or false", "blind")
-    return DirectOptions(**_checked({name: value for name, value in given.items() if name != "blind"}), blind=blind)
+    return _resolve(DirectOptions, "direct", network, given)
 
 
-def _resolve(estimator: str, preset: Mapping[str, object], given: Mapping[str, object]) -> ARXOptions:
-    check_known(given, {field.name for field in fields(ARXOptions)}, estimator)
-    return ARXOptions(**_checked(dict(preset) | dict(given)))
-
-
-def _checked(given: Mapping[str, object]) -> dict[str, Any]:
-    return {name: checked_number(name, value, *_RANGES[name], whole=name in _WHOLE) for name, value in given.items()}
+def _resolve(kind: type[_Options], estimator: str, network: Network, given: Mapping[str, object]) -> _Options:
+    check_known(given, names(kind), estimator)
+    return in_force(kind, network, given)
