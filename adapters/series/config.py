@@ -88,7 +88,7 @@ def influx_query(value: object) -> str:
 
 
 class InfluxChannelConfig(SeriesChannelConfig):
-    """A channel of InfluxDB: the raw value is the mean of a field."""
+    """A channel of InfluxDB: the raw value is the mean of a field, of a counter its first value in each step."""
 
     query: Annotated[str, BeforeValidator(influx_query)] = Field(
         description="field, measurement and condition, such as '\"value\" FROM \"degC\" WHERE \"room\" = ''101'''"

@@ -146,14 +146,16 @@ class InfluxDB(Database):
     """InfluxDB, versions 1, 2 and 3, by the interface of version 1: InfluxQL over `/query`."""
 
     async def points(self, channel: Any, begin: float, end: float, counter: bool) -> Points:
-        """The means over every step of what a query such as `"value" FROM "degC" WHERE "room" = '101'` selects."""
+        """The means over every step of what a query such as `"value" FROM "degC" WHERE "room" = '101'` selects; of a
+        counter what it showed when the step began."""
         query, server = channel.query, self.table.server
         field, source, condition = parts(query)
         first, last, every = round(1000 * begin), round(1000 * end), round(1000 * self.table.step)
         where = f"time >= {first:d}ms AND time < {last:d}ms"
         if condition:
             where = f"({condition}) AND {where}"
-        asked = f"SELECT mean({field}) FROM {source} WHERE {where} GROUP BY time({every:d}ms) fill(none)"
+        value = "first" if counter else "mean"
+        asked = f"SELECT {value}({field}) FROM {source} WHERE {where} GROUP BY time({every:d}ms) fill(none)"
         answer = await server.ask("/query", {"db": self.table.database, "epoch": "ms", "q": asked})
         try:
             (result,) = answer["results"]

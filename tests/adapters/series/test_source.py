@@ -74,6 +74,9 @@ def influxdb(tmp_path_factory):
             for minute in range(MINUTES)
             if not 60 <= minute < 90
         ]
+        lines += [
+            f"kWh,room=101 value={0.01 * max(0, minute - 90):.2f} {BEGIN + 60 * minute}" for minute in range(MINUTES)
+        ]
         influx.post(table, "/write", {"db": "house", "precision": "s"}, "\n".join(lines).encode())
         yield {"kind": "influxdb", "database": "house", **table}
 
@@ -110,6 +113,11 @@ def test_influxdb_gives_the_means_of_every_step(influxdb):
     assert readings(influxdb, query) == [(float(minute), pytest.approx(value)) for minute, value in expected()]
     assert readings(influxdb, query, step=600.0)[0] == (0.0, pytest.approx(20.045))
     assert readings(influxdb, '"value" FROM "degC" WHERE "room" = \'303\'') == []
+
+
+def test_a_counter_in_influxdb_becomes_the_power_of_its_own_time(influxdb):
+    found = dict(readings(influxdb, '"value" FROM "kWh"', unit="kWh", to="W", step=600.0))
+    assert [found[minute] for minute in (70.0, 80.0, 90.0, 100.0)] == pytest.approx([0.0, 0.0, 600.0, 600.0])
 
 
 def test_influxdb_refuses_in_a_sentence(influxdb, tmp_path):
