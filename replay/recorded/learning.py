@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 from replay.processes import importing_once
 from replay.recorded.trace import Trace, Tracer
 from service.config.fitting import fingerprint, make_worker, neighbourhood
+from service.config.kept import keep_configuration
 from service.config.site import Config, ZoneConfig
 from service.daemon.kernel_cache import guard_kernel_cache
 from service.daemon.logs import audited
@@ -70,9 +71,11 @@ def learn(
     state cannot be written, a daemon runs on it, or it belongs to another configuration.
     """
     store = Store(config.site.state_dir)
+    plant = plant or config
     try:
         with audited(config.site.state_dir):
-            return asyncio.run(_learned(store, config, plant or config, histories, jobs or os.cpu_count() or 1, reset))
+            keep_configuration(plant)
+            return asyncio.run(_learned(store, config, plant, histories, jobs or os.cpu_count() or 1, reset))
     except BrokenProcessPool as error:
         raise ServiceError(_ENDED) from error
     except ExceptionGroup as group:

@@ -14,7 +14,7 @@ def keep_configuration(config: Config) -> None:
     folder = config.site.state_dir
     temporary = folder / f"{CONFIGURATION}.tmp"
     temporary.unlink(missing_ok=True)
-    head = "# Written by the daemon at every start and reload; changes here have no effect.\n"
+    head = "# Written by the daemon at every start and reload, and by learn; changes here have no effect.\n"
     write_file(temporary, f"{head}{effective_toml(config)}".encode())
     temporary.replace(folder / CONFIGURATION)
     sync_folder(folder)
@@ -25,7 +25,7 @@ def kept_configuration(state_dir: Path) -> Path:
     path = state_dir / CONFIGURATION
     if not path.exists():
         raise ServiceError(
-            f"there is no {CONFIGURATION} in {state_dir}, which the daemon writes at its start; name the configuration "
-            "with --config, or the folder that site.state_dir names"
+            f"there is no {CONFIGURATION} in {state_dir}, which the daemon and `thermogate learn` write; name the "
+            "configuration with --config, or the folder that site.state_dir names"
         )
     return path

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import thermogate as tg
 from replay.recorded import learning
 from replay.recorded.learning import learn
 from service.config.fitting import fingerprint, make_worker
@@ -116,6 +117,10 @@ def test_the_zone_of_a_live_configuration_stands_where_the_recording_ends(whole)
     updates = [update for sample in samples if (update := worker.step(sample)) is not None]
     assert [row.mean for row in rows[1:]] == [update.score.mean[0] for update in updates[1:]]
     assert_same(checkpoint, snapshot.take(worker, fingerprint(zone), "ekf"))
+
+
+def test_what_was_learned_is_a_model_in_a_notebook(whole):
+    assert "learned from 192 samples" in str(tg.load(whole[0] / "state"))
 
 
 def test_a_second_run_finds_nothing_new_and_changes_nothing(whole, tmp_path):
