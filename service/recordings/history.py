@@ -57,9 +57,11 @@ def survey(
 
 def _history(zone: ZoneConfig, found: Recorded) -> History:
     told = doubts(zone, found)
-    if not found.samples:
-        return History(zone.id, found, 0.0, 0.0, 0, told)
-    known, outputs = np.isfinite(found.values), len(zone.network.measured)
+    outputs = len(zone.network.measured)
+    known = np.isfinite(found.values)
+    if not found.samples or not known[:, :outputs].any():
+        # Without the room there is nothing to learn, and what is taken into the state would stay there.
+        return History(zone.id, found._replace(samples=()), 0.0, 0.0, 0, told)
     return History(
         zone.id,
         found,

@@ -161,6 +161,13 @@ def test_what_the_recording_holds_is_told_before_the_work(tmp_path):
     assert "measured in 100 %" in text
 
 
+def test_a_history_without_the_room_is_none(tmp_path):
+    config = load_history(*written(tmp_path, history=HISTORY.replace("Raumtemperatur", "Zeit")))
+    (history,) = surveyed(config).values()
+    assert history.described == "zone 'room': nothing usable; refused: 192 non_numeric"
+    assert learn(config, {"room": history}, jobs=1).traces == []
+
+
 @pytest.mark.parametrize(
     ("plant", "history", "sentence"),
     [
