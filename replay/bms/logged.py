@@ -179,8 +179,7 @@ def _set_point(simulation: Simulation, room: int) -> float:
 
 
 _HEAD = """\
-# Written by `thermogate demo`: a SYNTHETIC building; nobody lives behind these numbers. Its logger writes a row for
-# every minute
-# of the building's own time, and the daemon follows the file.
+# Written by `thermogate demo`: a SYNTHETIC building; nobody lives behind these numbers.
+# Its logger writes a row for every minute of the building's own time, and the daemon follows the file.
 
 """

@@ -16,7 +16,7 @@ const SHORT_STEPS = 288;
 const SLOTS = 24;
 const LEVELS = [0.95, 0.5];
 const ASK_MS = 250;
-const RENEW_MS = 30_000;
+const RENEW_MS = 10_000;
 
 // The card of zone `id` as `zone` describes it; `failed(error)` is told what went wrong, and null once it works again.
 export function nextHours(id, zone, failed) {
