@@ -30,7 +30,7 @@ kernels: $(VENV)/.kernels  # once and beside lint: the first processes of the te
 
 $(VENV)/.kernels: $(VENV)/.ready $(shell find estimator -name '*.py')
 	@echo "compiling the estimators, once: about a minute"
-	@$(BIN)/thermogate replay deploy/examples/generic-csv.toml --out var/kernels >/dev/null
+	@$(BIN)/python -m replay.lab.kernels
 	@touch $@
 
 $(VENV)/.kernels-of-tests: $(VENV)/.ready $(shell find estimator -name '*.py')
