@@ -50,6 +50,9 @@ _EXPLAINED = 0.15
 _WARMING, _SOME = 6.0, 0.6
 """h over which warming that nothing explains is looked at, and the share of the largest that the reference has seen."""
 
+_SUDDEN = 0.55
+"""Share of a jump that comes in one slot."""
+
 _HEATED, _LEAST_HEATED = 0.02, 6.0
 """Share of the largest power from which a room is heated, and h of it without which nothing is said of its heat."""
 
@@ -427,7 +430,9 @@ def _warm(look: Look) -> Found:
     leap = max(_LEAST_JUMP, _SOME * _highest(found.errors[:known]))
     for place in np.flatnonzero(found.errors[known:] > leap) + known:
         before, after = _middle(room[max(place - 3, 0) : place]), _middle(room[place : place + 3])
-        if after - before > leap and (above[place:] > 0.5 * (after - before)).sum() >= look.slots(1.0):
+        # A party warms a room by and by; a sensor tells another level from one slot to the next.
+        sudden = room[place] - room[place - 1] > _SUDDEN * (after - before)
+        if sudden and after - before > leap and (above[place:] > 0.5 * (after - before)).sum() >= look.slots(1.0):
             yield SENSOR_JUMPED, 0, float(len(room) - place) * look.step
             return
     if (above[-day:] > _LEAST_JUMP).sum() >= look.slots(3.0):

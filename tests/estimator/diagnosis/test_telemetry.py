@@ -46,6 +46,11 @@ def watched(rows, begin=0):
                 yield place, stood
 
 
+def warmer_from_day_10():
+    outputs, inputs, _ = recorded(14, PERIOD, lambda hour: morning(hour) + (2.0 if hour >= 10 * 24 else 0.0))
+    return np.column_stack([outputs, inputs])
+
+
 def spikes(column):
     return np.where(np.arange(len(column)) % 25 == 7, column + 6.0, column)
 
@@ -91,8 +96,14 @@ def test_nothing_is_suspected_of_a_house_that_tells_the_truth(rows):
 
 
 def test_a_set_point_raised_for_good_is_no_lie():
-    outputs, inputs, _ = recorded(14, PERIOD, lambda hour: morning(hour) + (2.0 if hour >= 10 * 24 else 0.0))
-    assert not [stood for _, stood in watched(np.column_stack([outputs, inputs])) if stood]
+    assert not [stood for _, stood in watched(warmer_from_day_10()) if stood]
+
+
+def test_a_party_before_the_set_point_is_raised_is_no_jump():
+    """It warms the room by 3.3 K in half an hour: by and by."""
+    told, begin = warmer_from_day_10(), CLEAN + 18 * 6
+    told[begin : begin + 24, 0] += np.interp(np.arange(24), [0, 2, 12, 23], [1.1, 3.3, 3.3, 0.0])
+    assert SENSOR_JUMPED not in {one.name for _, stood in watched(told, CLEAN) for one in stood}
 
 
 @pytest.mark.parametrize("off", [slice(CLEAN, CLEAN + LYING), slice(0, CLEAN)], ids=["off", "on again"])
