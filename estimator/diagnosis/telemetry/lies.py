@@ -56,7 +56,7 @@ _SUDDEN = 0.55
 _HEATED, _LEAST_HEATED = 0.02, 6.0
 """Share of the largest power from which a room is heated, and h of it without which nothing is said of its heat."""
 
-_SURE = {UNIT_CHANGED: 4.0, METER_LATE: 15.0, METER_DEAD: 8.0}
+_SURE = {UNIT_CHANGED: 4.0, METER_LATE: 25.0, METER_DEAD: 8.0}
 """Log-likelihood ratio from which something is suspected, and _ABOVE times what has gathered in the reference."""
 _ABOVE = 1.5
 _NEVER = 1e3
