@@ -10,13 +10,21 @@ from service.errors import DataError
 from service.recordings.doubts import Remedies, doubts
 from service.recordings.progress import Progress
 from service.recordings.samples import Recorded
+from service.records.outlook import SET_POINTS
 from service.records.sample import Sample
+from service.zone.alignment import SETPOINT
 from thermogate.frames import Frame, Reader, check_columns, clock, moments
 from thermogate.session import Session
 from thermogate.settings import ZONE, Settings
 
+
+def _with_unit(channel: str, unit: str) -> str:
+    name = SET_POINTS if channel == SETPOINT else channel
+    return f'columns={{"{name}": ("{name}", "{unit}")}}, with the name of its column'
+
+
 _REMEDIES = Remedies(
-    lambda channel, unit: f'columns={{"{channel}": ("{channel}", "{unit}")}}, with the name of its column',
+    _with_unit,
     "pd.to_datetime(df.index, dayfirst=True)",
     'tz="Europe/Berlin"',
 )

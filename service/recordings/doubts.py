@@ -16,6 +16,7 @@ from estimator.heat.terms import sun_channel
 from service.config.site import ZoneConfig
 from service.config.usual import usual
 from service.recordings.samples import Recorded
+from service.zone.alignment import SETPOINT, unit_of
 
 _FEW_DAYS = 3.0
 """Days below which a history is too short to learn walls from."""
@@ -86,7 +87,7 @@ def doubts(zone: ZoneConfig, found: Recorded, remedies: Remedies = IN_A_CONFIGUR
         *_of_dates(times[np.isfinite(values).any(axis=1)], remedies),
         *_of_gaps(zone, times, values),
         *_of_clock(zone, times, values, remedies),
-        *_of_channels(zone, values, remedies),
+        *_of_channels(zone, found, remedies),
         *_of_swaps(zone, values),
     ]
 
@@ -159,15 +160,19 @@ def _of_clock(zone: ZoneConfig, times: Array, values: Array, remedies: Remedies)
         )
 
 
-def _of_channels(zone: ZoneConfig, values: Array, remedies: Remedies) -> Iterator[str]:
-    network = zone.network
-    for name, column in zip(network.channels, values.T, strict=True):
-        known, unit = column[np.isfinite(column)], network.channel_unit(name)
+def _of_channels(zone: ZoneConfig, found: Recorded, remedies: Remedies) -> Iterator[str]:
+    network, channels = zone.network, dict(zone.channels)
+    told = dict(zip(network.channels, found.values.T, strict=True))
+    if zone.setpoint is not None:
+        channels[SETPOINT] = zone.setpoint
+        told[SETPOINT] = np.array([sample.setpoint for sample in found.samples])
+    for name, column in told.items():
+        known, unit = column[np.isfinite(column)], unit_of(network, name)
         if len(known) < _FEW_VALUES:
             continue
-        lower, upper = usual(network, name, zone.channels[name])
+        lower, upper = usual(network, name, channels[name])
         middle = float(np.median(known))
-        if known.min() == known.max() and name not in network.heat_channels:
+        if known.min() == known.max() and name not in (*network.heat_channels, SETPOINT):
             yield f"{name} is {middle:g} {unit} all the time; is its sensor connected?"
         elif unit == "degC" and not lower <= middle <= upper:
             scaled = {one: scale * middle + offset for one, (scale, offset) in _TEMPERATURES.items()}

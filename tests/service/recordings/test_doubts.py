@@ -66,6 +66,18 @@ def test_readings_only_on_change_are_told_with_what_holds_them():
     assert "T_i has had no reading for more than 3h; write max_gap = 96 if" in sentence
 
 
+def test_a_set_point_in_another_unit_is_named():
+    zone = ZONE.model_copy(update={"setpoint": ZONE.channels["T_i"]})
+    found = recorded(zone, 3600.0 * HOURS, np.stack([ROOM, OUTDOORS, HEATING], axis=1))
+
+    def told_of(setpoint):
+        return doubts(zone, found._replace(samples=[one._replace(setpoint=setpoint) for one in found.samples]))
+
+    assert told_of(21.0) == []
+    (sentence,) = told_of(69.8)
+    assert sentence.startswith('setpoint is 69.8 degC in the middle, usual are 5 to 40; write unit = "degF"')
+
+
 def test_swapped_days_and_months_are_named():
     # The first days of January to April, as 01.02. to 04.02. and so on would be read.
     days = [np.datetime64(f"2025-{month:02}-01", "D") + np.arange(4) for month in (1, 2, 3, 4)]
