@@ -128,8 +128,10 @@ def _of_gaps(zone: ZoneConfig, times: Array, values: Array) -> Iterator[str]:
     room, day = np.asarray(known[:, :outputs].any(axis=1)), round(86400 / zone.period)
     aged.append((network.measured[0], f"max_gap = {day}", _age(times, room), zone.max_gap * zone.period))
     for name, remedy, age, longest in aged:
-        share = float((age > longest).mean())
-        if share > _UNUSED and np.isfinite(age).any():
+        # What comes after the last reading is an end, not a pause.
+        (measured,) = np.nonzero(age == 0.0)
+        share = float((age[: measured[-1] + 1] > longest).mean()) if len(measured) else 0.0
+        if share > _UNUSED:
             yield (
                 f"{share:.0%} of its intervals are not used, for {name} has had no reading for more than "
                 f"{format_duration(longest)}; write {remedy} if it is recorded only when it changes"
