@@ -412,12 +412,12 @@ class MKF(OneState):
             means, sds = state.mean[at], np.sqrt(np.maximum(state.covariance[packed(at, at)], _OFF_SD**2))
             below = float((shares * ndtr(-means / sds)).sum())
             begin, above = below > LEVELS, LEVELS - (1.0 - on)
-            levels = np.where(begin, LEVELS, above) / on
             # The other levels fall on the share 1 - on of the mixture that stands at 0.
             elsewhere = begin | (above > below)
             if elsewhere.any():
                 mixture = Mixture(shares / on, means[None], sds[None])
-                quantiles[elsewhere] = self._moves.quantiles(mixture, levels[elsewhere], 0)
+                levels = np.where(begin, LEVELS, above)[elsewhere] / on
+                quantiles[elsewhere] = self._moves.quantiles(mixture, levels, 0)
         return WATTS * quantiles, on
 
     def _regime(self, cdf: list[float]) -> str | None:

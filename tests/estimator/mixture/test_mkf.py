@@ -212,6 +212,15 @@ def test_it_finds_an_unmeasured_gain_and_the_noise_of_the_sensor():
     assert 0.03 < middle < 0.08
 
 
+def test_a_gain_that_is_as_good_as_never_on_is_none():
+    estimator = build("mkf", network("tite"), PERIOD, {"particles": 8})
+    state = estimator.start(1, np.array([20.0]), np.array([5.0, 0.0]))
+    on = np.where(np.arange(8) == 0, 1.0, 0.0)
+    state = state._replace(gain_on=on[None], log_weights=np.where(on > 0.0, -740.0, -np.log(7.0)))
+    quiet = estimator.update(state, np.array([np.nan])).disturbance()
+    np.testing.assert_array_equal(quiet.gain, 0.0)
+
+
 def test_parameters_come_close_to_the_truth_and_their_intervals_hold_it():
     data, net = record(1000, seed=2, process_sd=0.01), building()
     estimator = build("mkf", net, PERIOD, {"preset": "output-error", "measurement_sd": 0.05, "process_sd": 0.01})
