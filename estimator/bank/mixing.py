@@ -1,8 +1,9 @@
 """Members' forecasts made one: held together about their middle, weighted, and scaled about their mean.
 
-Weights that rest on few verified forecasts mean little, and a single wild member would spoil the mean. So nobody goes
-farther from the weighted median of the members' means than a reach, in units of the weighted median of their spreads.
-The reach grows with every verified forecast: nearly a median in the beginning, a mixture in the end.
+Weights that rest on few verified forecasts mean little, and a single wild member would spoil the mean and the tails. So
+nobody goes farther from the weighted median of the members' means than a reach, in units of the weighted median of
+their spreads, nor spreads more than four times as wide as that. The reach grows with every verified forecast: nearly a
+median in the beginning, a mixture in the end.
 """
 
 import math
@@ -15,6 +16,9 @@ from estimator.arrays import Array
 from estimator.types import Mixture, Mixtures
 
 _TINY = 1e-300
+
+_WIDEST = 4.0
+"""Reaches that a member may spread."""
 
 
 def mixed(parts: Sequence[Mixture], shares: Array, scale: float, reach: float | None = None) -> Mixture:
@@ -65,9 +69,11 @@ def _mix(ends, shares, scales, reaches, weights, means, sds):  # type: ignore[no
                 limit = reaches[t] * _weighted_median(spreads, shares[:, t])
                 begin = 0
                 for e in range(members):
-                    move = min(max(centres[e], middle - limit), middle + limit) - centres[e]
+                    near = min(max(centres[e], middle - limit), middle + limit)
+                    narrower = min(_WIDEST * limit / max(spreads[e], _TINY), 1.0)
                     for n in range(begin, ends[e]):
-                        means[t, y, n] += move
+                        means[t, y, n] = near + narrower * (means[t, y, n] - centres[e])
+                        sds[t, y, n] *= narrower
                     begin = ends[e]
             centre = 0.0
             for n in range(len(weights[t])):

@@ -91,7 +91,7 @@ class BankOptions:
     """Level of the interval whose coverage is kept."""
     feedback: float = number(0.02, 0.0, 1.0)
     """Step of the log of the published spread at every verified forecast."""
-    first_feedback: float = number(1.0, 0.0, 10.0)
+    first_feedback: float = number(0.3, 0.0, 10.0)
     """The same times the number of verified forecasts, where that is more."""
     scenarios: int = whole(96, 8, 100_000)
     """Sampled futures that a member brings into a forecast."""
