@@ -111,14 +111,15 @@ class RoomQuestion(NamedTuple):
         sun, people = (_by_hour(heat[:, 1], hours) for heat in elsewhere)
         comfort = _Comfort.of(self.past)
         diagnosis, trust = worker.diagnosis(), worker.trust
-        doubt, shares = _doubt(diagnosis, loss), Shares.of(worker)
+        metered, shares = _metered(worker.network, self.past, standing), Shares.of(worker)
+        doubt = _doubt(diagnosis, loss, metered)
         own = self.past.inputs * shares.medians
         answers = [
             comfort.answer(),
             _loss_answer(loss, self.area, doubt, any(one.startswith(NEIGHBOUR) for one in _beside(worker.network))),
             *_pace(worker, standing),
             *warming_up(self.past.step, self.past.temperature, self.past.setpoint, COLD),
-            _heat_answer(elsewhere, sun, people),
+            _heat_answer(elsewhere, sun, people, metered),
             *_energy(worker, self.past, shares, loss, doubt),
             *lost_heat(self.past.times, self.past.step, self.past.gain, self.zone),
             *last_day(worker, self.past.times, self.past.step, own, self.past.gain[:, 1]),
@@ -220,7 +221,13 @@ def _beside(network: Network) -> tuple[str, ...]:
     return others if len(others) < len(network.boundaries) else ()
 
 
-def _doubt(diagnosis: Diagnosis, loss: Array | None) -> str:
+def _metered(network: Network, past: Past, standing: Standing) -> bool:
+    """Whether heating or cooling was ever measured."""
+    heat = _heating(network)
+    return bool(standing.carried.record.largest[heat].any() or np.nan_to_num(past.inputs[:, heat]).any())
+
+
+def _doubt(diagnosis: Diagnosis, loss: Array | None, metered: bool) -> str:
     """Why the heat loss should not be believed; empty where it may."""
     found = {one.finding for one in diagnosis.findings if one.subject == "heat_loss"}
     if kinds.AGAINST_BALANCE in found:
@@ -231,7 +238,7 @@ def _doubt(diagnosis: Diagnosis, loss: Array | None) -> str:
         return "how sure this is, is not known"
     if loss is not None and loss[2] > _WIDE * loss[0]:
         return "do not rely on it yet"
-    return ""
+    return "" if metered else "do not rely on it, for no heating was measured"
 
 
 def _loss_answer(loss: Array | None, area: float, doubt: str, neighbours: bool) -> RoomAnswer:
@@ -332,10 +339,11 @@ def _by_hour(heat: Array, hours: Array) -> Array:
     return found
 
 
-def _heat_answer(elsewhere: _Elsewhere, sun: Array, people: Array) -> RoomAnswer:
+def _heat_answer(elsewhere: _Elsewhere, sun: Array, people: Array, metered: bool) -> RoomAnswer:
     low, mean, high = (elsewhere.sun + elsewhere.people).mean(axis=0).tolist()
     parts = []
-    for name, heat in (("the sun", sun), ("people and appliances", people)):
+    inside = "people and appliances" if metered else "people, appliances and heating that nobody measures"
+    for name, heat in (("the sun", sun), (inside, people)):
         if np.isfinite(heat).any() and np.nanmax(heat) >= _WORTH:
             hour = int(np.nanargmax(heat))
             parts.append(

@@ -166,6 +166,18 @@ def test_hours_of_seconds_are_not_simulated(period, told):
     assert ("cooling" in answers(asked(quick))) == told
 
 
+def test_heating_that_nobody_measured_is_told_among_heat_from_elsewhere(worker, monkeypatch):
+    largest = worker.standing.carried.record._replace(largest=np.zeros(len(worker.network.inputs)))
+    carried = worker.standing.carried._replace(record=largest)
+    monkeypatch.setattr(worker, "standing", worker.standing._replace(carried=carried))
+    monkeypatch.setattr(room, "_loss", lambda worker: np.array([90.0, 100.0, 110.0]))
+    found = answers(
+        asked(worker, PAST._replace(inputs=np.zeros_like(PAST.inputs), gain=np.full_like(PAST.gain, 500.0)))
+    )
+    assert found["heat_loss"].sentence.endswith("do not rely on it, for no heating was measured")
+    assert "eat from people, appliances and heating that nobody measures: 500 W" in found["other_heat"].sentence
+
+
 @pytest.mark.parametrize(("zone", "hour"), [(None, 12), ("Europe/Berlin", 13), ("America/New_York", 7)])
 def test_heat_from_elsewhere_is_told_by_the_local_hour(worker, zone, hour):
     at_noon = np.where(TIMES // 3600 % 24 == 12, 240.0, 0.0)
