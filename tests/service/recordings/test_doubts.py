@@ -59,7 +59,7 @@ def test_readings_only_on_change_are_told_with_what_holds_them():
     outdoors = np.where(HOURS % 3 == 0, OUTDOORS, np.nan)
     room = np.where(HOURS % 24 < 4, ROOM, np.nan)
     assert told(outdoors=outdoors) == [
-        "67% of its intervals are not used, for T_out has had no reading for more than 15min; write "
+        "66% of its intervals are not used, for T_out has had no reading for more than 15min; write "
         'hold_inputs = "1d" if it is recorded only when it changes'
     ]
     (sentence,) = told(room=room)
