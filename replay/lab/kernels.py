@@ -1,4 +1,4 @@
-"""Compile what a step of the demo's rooms needs, so that `make run` shows forecasts as soon as it shows the page."""
+"""Compile what the demo's rooms need, so that `make run` shows forecasts as soon as it shows the page."""
 
 import tempfile
 from functools import partial
@@ -8,13 +8,16 @@ from service.daemon.process import prepare_process
 
 
 def main() -> None:
-    """Take a room of the demo two hours on from what it has learned."""
+    """Take a room of the demo two hours on from what it has learned, and ask it what comes next."""
     from replay.bms.background import in_background
     from replay.bms.logged import STATE, Demo, live
     from service.config.fitting import fingerprint, make_worker
     from service.config.load import load
+    from service.forecast.engine import FanQuestion
+    from service.forecast.request import detail
     from service.store.reading import read_state
     from service.zone import snapshot
+    from service.zone.foresight.outlook import NO_WEATHER
 
     with tempfile.TemporaryDirectory() as folder:
         with in_background(partial(live, Demo(Path(folder), pace=60.0))) as (path, _):
@@ -27,6 +30,7 @@ def main() -> None:
     snapshot.restore(worker, checkpoint)
     for time in range(last.time + zone.period, last.time + 2 * 3600, zone.period):
         worker.step(last._replace(time=time))
+    FanQuestion(24, {}, (0.95,), 0, detail([25]))(worker, NO_WEATHER, lambda: False)
 
 
 if __name__ == "__main__":
