@@ -147,7 +147,7 @@ class Loop:
         """UTC s up to which samples are history that nobody lives through. Live forecasts, which cost more than all
         else, are then made seldom before its last weeks: what they prove is forgotten within these."""
         self.verification = Verification(estimator)
-        self.as_issued = AsIssued(estimator)
+        self.as_issued = AsIssued(estimator.period)
         self.live = LiveForecasts(estimator, seed, to_come)
         self._known_heat = known_heat
         self._seed = seed
@@ -228,7 +228,7 @@ class Loop:
         if verified is not None:
             verified = self.verification.predict(verified, state, drive, self._seed)
         ahead = self.estimator.predictive(state)
-        return Standing(state, one_step(self.estimator, ahead, self._levels), verified, issued), ahead
+        return Standing(state, one_step(ahead, self._levels), verified, issued), ahead
 
     def _watched(self, carried: Carried, time: int, outputs: Array, drive: Array) -> Carried:
         """`carried` with what was measured at `time`, looked through once in lies.EVERY s; when something of it

@@ -8,8 +8,10 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtri
 
 from estimator.arrays import Array, Indices
+from estimator.kernels.quantiles import mixture_quantiles
 from estimator.network.network import Network
 
 ALPHA_LEVELS = (0.025, 0.5, 0.975)
@@ -41,6 +43,13 @@ class Mixture(NamedTuple):
         """Standard deviation of every output, shape (n_y,)."""
         spread = self.sds**2 + (self.means - self.mean()[:, None]) ** 2
         return np.sqrt(self._weighted(spread))
+
+    def quantiles(self, levels: Array, output: int) -> Array:
+        """Quantiles (L,) of one output [degC] at `levels` (L,)."""
+        deviates, means, sds = ndtri(levels), self.means[output], self.sds[output]
+        if len(means) == 1:
+            return np.asarray(means[0] + sds[0] * deviates, dtype=np.float64)
+        return np.asarray(mixture_quantiles(levels, deviates, self.weights, means, sds), dtype=np.float64)
 
     def _weighted(self, rows: Array) -> Array:
         # A sum of NumPy's own: a matrix product may depend on how many threads its library takes.
@@ -262,9 +271,6 @@ class Estimator(Protocol):
 
     def predictive(self, state: Any) -> Mixture:
         """Distribution of the outputs (n_y,) at the state's time."""
-
-    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
-        """Quantiles (L,) of one output [degC] at `levels` (L,)."""
 
     def update(self, state: Any, outputs: Array) -> Posterior:
         """Learn from `outputs` (n_y,); NaN marks a missing one."""

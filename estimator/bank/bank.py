@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import ndtri
 
 from estimator.arrays import Array, together, under
 from estimator.bank.coverage import Widths, no_widths, with_place
@@ -18,7 +17,6 @@ from estimator.bank.mixing import mixed, mixed_futures, stretched
 from estimator.bank.options import BankOptions, prior_at
 from estimator.bank.weights import Costs, between, costs_of, no_costs, weights, with_cost
 from estimator.blackbox.direct import Direct
-from estimator.kernels.quantiles import mixture_quantiles
 from estimator.network.assembly import assemble, topology
 from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
@@ -149,13 +147,6 @@ class Bank:
     def predictive(self, state: BankState) -> Mixture:
         """The members' distributions of the outputs (n_y,), weighted and scaled for one step."""
         return self._told(state)[1]
-
-    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
-        """Quantiles (L,) of one output, by root-finding on the mixture CDF."""
-        found: Array = mixture_quantiles(
-            levels, ndtri(levels), mixture.weights, mixture.means[output], mixture.sds[output]
-        )
-        return found
 
     def update(self, state: BankState, outputs: Array) -> Posterior:
         """Let every member learn from `outputs` (n_y,), and the bank from what they had forecast for it."""

@@ -3,11 +3,10 @@
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
 
 from estimator.arrays import Array
 from estimator.network.network import Network
-from estimator.types import Mixture, OneState, Outcome, ParameterSummary, Posterior
+from estimator.types import OneState, Outcome, ParameterSummary, Posterior
 
 LEVEL = 20.0
 """degC that temperatures count from."""
@@ -30,10 +29,6 @@ class Regression(OneState):
         """(n_u,): what every input varies by."""
         self.level = np.array([LEVEL * (unit == "degC") for unit in units])
         """(n_u,): what it counts from."""
-
-    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
-        """Gaussian quantiles (L,) of one output."""
-        return np.asarray(mixture.means[output, 0] + mixture.sds[output, 0] * ndtri(levels), dtype=np.float64)
 
     def parameters(self, state: Any, levels: Array) -> ParameterSummary:
         """Not a number throughout: the model has no parameters of a building."""

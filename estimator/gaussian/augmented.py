@@ -95,10 +95,6 @@ class AugmentedFilter(OneState, ABC):
         variances = (state.root[self._measured] ** 2).sum(axis=1) + self.options.measurement_sd**2
         return Mixture(np.ones(1), state.mean[self._measured][:, None], np.sqrt(variances)[:, None])
 
-    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
-        """Gaussian quantiles (L,) of one output."""
-        return np.asarray(mixture.means[output, 0] + mixture.sds[output, 0] * ndtri(levels), dtype=np.float64)
-
     def update(self, state: AugmentedState, outputs: Array) -> Posterior:
         """Kalman update with every output (n_y,) that is not NaN, one after the other; parameters kept in their box."""
         if np.isnan(outputs).all():

@@ -1,16 +1,13 @@
 """The moves of `ReferenceMixture` that cost most, on the Numba kernels."""
 
 import numpy as np
-from scipy.special import ndtri
 
 from estimator.arrays import Array, Indices
 from estimator.kernels.draws import Draws, Purpose
-from estimator.kernels.quantiles import mixture_quantiles
 from estimator.mixture import kernels, scenarios
 from estimator.mixture.kernels import Settings, Shape
 from estimator.mixture.model import MixtureModel, Particles, Scenarios, Walk
 from estimator.mixture.reference import ReferenceMixture
-from estimator.types import Mixture
 
 
 class CompiledMixture(ReferenceMixture):
@@ -64,13 +61,6 @@ class CompiledMixture(ReferenceMixture):
             np.ascontiguousarray(plan, dtype=np.float64), start, out,
         )  # fmt: skip
         return out
-
-    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
-        """Quantiles (L,) of one output of a mixture."""
-        quantiles: Array = mixture_quantiles(
-            levels, ndtri(levels), mixture.weights, mixture.means[output], mixture.sds[output]
-        )
-        return quantiles
 
 
 def _settings(model: MixtureModel) -> Settings:

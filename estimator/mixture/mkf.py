@@ -195,10 +195,6 @@ class MKF(OneState):
         variances = state.covariance[measured * (measured + 3) // 2] + np.exp(2.0 * state.log_noise)
         return Mixture(np.exp(state.log_weights), state.mean[measured], np.sqrt(variances))
 
-    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
-        """Quantiles (L,) of one output, by root-finding on the mixture CDF."""
-        return self._moves.quantiles(mixture, levels, output)
-
     def update(self, state: MKFState, outputs: Array) -> Posterior:
         """Kalman update and weight of every particle by `outputs` (n_y,), NaN for a missing one; gate; resampling."""
         if np.isnan(outputs).all():
@@ -417,7 +413,7 @@ class MKF(OneState):
             if elsewhere.any():
                 mixture = Mixture(shares / on, means[None], sds[None])
                 levels = np.where(begin, LEVELS, above)[elsewhere] / on
-                quantiles[elsewhere] = self._moves.quantiles(mixture, levels, 0)
+                quantiles[elsewhere] = mixture.quantiles(levels, 0)
         return WATTS * quantiles, on
 
     def _regime(self, cdf: list[float]) -> str | None:

@@ -17,10 +17,8 @@ from estimator.mixture.model import HOUR, SMALLEST_PIVOT, WATTS, MixtureModel, P
 from estimator.network.modal import ModalNetwork
 from estimator.network.network import HeatInput
 from estimator.particle.kalman import kalman_update, pack, unpack
-from estimator.particle.reference import mixture_quantile
 from estimator.particle.resampling import Weighted, reweigh, systematic
 from estimator.particle.volatility import walked_volatility
-from estimator.types import Mixture
 
 _GAIN_CHANNEL = "unmeasured gain"
 
@@ -139,11 +137,6 @@ class ReferenceMixture:
     def systematic(self, weights: Array, uniform: float, count: int) -> Indices:
         """Indices (count,) of systematic resampling from `weights` (N,)."""
         return systematic(weights, uniform, count)
-
-    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
-        """Quantiles (L,) of one output of a mixture."""
-        means, sds = mixture.means[output], mixture.sds[output]
-        return np.array([mixture_quantile(level, mixture.weights, means, sds) for level in levels])
 
     def _walked(self, particles: Particles, walk: Walk) -> Particles:
         """log alpha, log sigma_y and the log time constant one step on, each inside its bounds."""

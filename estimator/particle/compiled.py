@@ -1,11 +1,9 @@
 """The moves of `ReferenceSteps` that cost most, on the Numba kernels."""
 
 import numpy as np
-from scipy.special import ndtri
 
 from estimator.arrays import Array, Indices
 from estimator.kernels.draws import Draws, Purpose
-from estimator.kernels.quantiles import mixture_quantiles
 from estimator.network.assembly import topology
 from estimator.network.network import Network
 from estimator.network.space import ParameterSpace
@@ -14,7 +12,6 @@ from estimator.particle.kalman import Assimilated
 from estimator.particle.liu_west import Kernel
 from estimator.particle.options import Options
 from estimator.particle.reference import ReferenceSteps
-from estimator.types import Mixture
 
 
 class CompiledSteps(ReferenceSteps):
@@ -87,13 +84,6 @@ class CompiledSteps(ReferenceSteps):
         """Weighted mean (24) and covariance (25)."""
         mean, covariance = kernels.weighted_moments(coordinates, weights)
         return mean, covariance
-
-    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
-        """Quantiles (L,) of one output of a mixture."""
-        quantiles: Array = mixture_quantiles(
-            levels, ndtri(levels), mixture.weights, mixture.means[output], mixture.sds[output]
-        )
-        return quantiles
 
 
 def _volatility(options: Options) -> kernels.Volatility:

@@ -119,10 +119,6 @@ class RBPF(OneState):
             state.mean, state.covariance, state.log_weights, self._topology.measured, variance
         )
 
-    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
-        """Quantiles (L,) of one output, by root-finding on the mixture CDF."""
-        return self._steps.quantiles(mixture, levels, output)
-
     def update(self, state: ParticleState, outputs: Array) -> Posterior:
         """Lines 11-15 with y_k = `outputs` (n_y,); NaN marks a missing output."""
         if np.isnan(outputs).all():

@@ -1,7 +1,6 @@
 """The particle step in NumPy and SciPy: the oracle that the compiled kernel is held to."""
 
 import numpy as np
-from scipy.special import ndtr
 
 from estimator.arrays import Array, Indices
 from estimator.kernels.draws import Draws, Purpose
@@ -95,20 +94,3 @@ class ReferenceSteps:
     def systematic(self, weights: Array, uniform: float) -> Indices:
         """Indices (N,) of systematic resampling (line 14)."""
         return systematic(weights, uniform)
-
-    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
-        """Quantiles (L,) of one output of a mixture."""
-        means, sds = mixture.means[output], mixture.sds[output]
-        return np.array([mixture_quantile(level, mixture.weights, means, sds) for level in levels])
-
-
-def mixture_quantile(level: float, weights: Array, means: Array, sds: Array) -> float:
-    """The `level` quantile of a Gaussian mixture (all (N,)): the root of its CDF."""
-    used = weights > 0
-    # Only the oracle needs it, and it is slow to import.
-    from scipy.optimize import brentq
-
-    weights, means, sds = weights[used] / weights[used].sum(), means[used], sds[used]
-    reach = 9.0 * sds
-    lower, upper = float((means - reach).min()), float((means + reach).max())
-    return float(brentq(lambda y: weights @ ndtr((y - means) / sds) - level, lower, upper, xtol=1e-12, rtol=1e-14))

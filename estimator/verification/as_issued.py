@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.arrays import Array, Indices, together, under
-from estimator.types import Estimator, Mixture
+from estimator.types import Mixture
 from estimator.verification.hindsight import HORIZONS
 from estimator.verification.scores import COMPONENTS, crps, reduced
 from estimator.verification.skill import IssuedScores, SkillBook, empty_book, noted, scores
@@ -51,11 +51,9 @@ class Issued(NamedTuple):
 
 
 class AsIssued:
-    """Verifies the forecasts of `estimator` as they are issued. Every method is pure."""
+    """Verifies forecasts as they are issued, of an estimator with this `period` [s]. Every method is pure."""
 
-    def __init__(self, estimator: Estimator) -> None:
-        self._estimator = estimator
-        period = estimator.period
+    def __init__(self, period: float) -> None:
         leads = [round(horizon / period) for horizon in HORIZONS]
         # One step ahead the inputs are known, and the published forecast is scored as it is.
         self._leads = [lead for lead in leads if lead > 1]
@@ -94,7 +92,7 @@ class AsIssued:
         waiting = waiting._replace(step=np.array(step))
         if futures is not None and self._leads:
             for horizon, (lead, mixture) in enumerate(zip(self._leads, futures(self._leads), strict=True)):
-                waiting = _with(waiting, step + lead - 1, horizon, self._estimator, mixture)
+                waiting = _with(waiting, step + lead - 1, horizon, mixture)
         return issued._replace(waiting=waiting)
 
     def scores(self, issued: Issued, time: int, days: int) -> IssuedScores:
@@ -120,9 +118,9 @@ def _nothing() -> Waiting:
     return Waiting(np.array(0), whole, whole, none, none, components, components, components)
 
 
-def _with(waiting: Waiting, due: int, horizon: int, estimator: Estimator, mixture: Mixture) -> Waiting:
+def _with(waiting: Waiting, due: int, horizon: int, mixture: Mixture) -> Waiting:
     """`waiting` and the `mixture` of one more horizon."""
-    lower, upper = estimator.quantiles(mixture, _TAILS, 0).tolist()
+    lower, upper = mixture.quantiles(_TAILS, 0).tolist()
     small = reduced(Mixture(mixture.weights, mixture.means[:1], mixture.sds[:1]), COMPONENTS)
     rows = np.zeros((3, COMPONENTS))
     # A component that is not there still has a spread to divide by.

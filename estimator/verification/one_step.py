@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.types import Estimator, Mixture
+from estimator.types import Mixture
 
 
 class OneStep(NamedTuple):
@@ -33,9 +33,9 @@ class OneStep(NamedTuple):
         return float(self.lower[output, place]), float(self.upper[output, place])
 
 
-def one_step(estimator: Estimator, mixture: Mixture, levels: Sequence[float]) -> OneStep:
-    """Moments and intervals at `levels` of the `mixture` that `estimator` forecasts."""
+def one_step(mixture: Mixture, levels: Sequence[float]) -> OneStep:
+    """Moments and intervals at `levels` of a forecast `mixture`."""
     tails = np.array([0.5, *(0.5 - level / 2 for level in levels), *(0.5 + level / 2 for level in levels)])
-    quantiles = np.array([estimator.quantiles(mixture, tails, output) for output in range(len(mixture.means))])
+    quantiles = np.array([mixture.quantiles(tails, output) for output in range(len(mixture.means))])
     median, lower, upper = np.split(quantiles, [1, 1 + len(levels)], axis=1)
     return OneStep(tuple(levels), mixture.mean(), mixture.sd(), median[:, 0], lower, upper)

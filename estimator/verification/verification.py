@@ -158,7 +158,7 @@ class Verification:
 
     def _values(self, mixture: Mixture, y: float, last: float, reference: float) -> tuple[float, ...]:
         """What `mixture` was worth as a forecast of `y`, by Scores without the number."""
-        lower, upper = self._estimator.quantiles(mixture, _TAILS, 0).tolist()
+        lower, upper = mixture.quantiles(_TAILS, 0).tolist()
         return (
             (y - float(mixture.mean()[0])) ** 2,
             crps(mixture, 0, y),

@@ -259,5 +259,5 @@ class Tracer:
         rows = np.array(plan).reshape(len(times) - 1, len(current))
         driving = self._worker.loop.driving(times[:-1].astype(np.float64), rows)
         mixtures = estimator.unfold(issue.sample, driving).each()
-        quantiles = [estimator.quantiles(mixture, np.array(LEVELS), 0) for mixture in mixtures]
+        quantiles = [mixture.quantiles(np.array(LEVELS), 0) for mixture in mixtures]
         return Fan(times, np.array(quantiles))

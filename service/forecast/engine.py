@@ -167,7 +167,7 @@ def _summaries(zone: PlannedZone, futures: Mixtures, asked: FanQuestion, given_u
     estimator, levels = zone.worker.estimator, asked.levels
     tails = np.array([0.5, *(0.5 - level / 2 for level in levels), *(0.5 + level / 2 for level in levels)])
     # The first step is the published forecast, to the last digit.
-    now = one_step(estimator, estimator.predictive(zone.standing.state), levels)
+    now = one_step(estimator.predictive(zone.standing.state), levels)
     quantiles = np.hstack([now.median[:, None], now.lower, now.upper])
     found = [Summary(now.mean[None], now.sd[None], quantiles[None])]
     for first in range(1, len(futures.means), _AT_ONCE):

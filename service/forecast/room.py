@@ -272,7 +272,7 @@ def _pace(worker: ZoneWorker, standing: Standing) -> Iterator[RoomAnswer]:
     issue, terms = worker.estimator.issue(state, 64), (0, len(network.terms))
     cold, warm = (
         [
-            worker.estimator.quantiles(mixture, np.array(_LEVELS), 0)
+            mixture.quantiles(np.array(_LEVELS), 0)
             for mixture in worker.estimator.unfold(issue, np.tile(np.pad(row, terms), (steps, 1))).each()
         ]
         for row, steps in ((off, hours), (full, hour))

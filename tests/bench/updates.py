@@ -49,7 +49,7 @@ def complete_update(estimator: Estimator, state: Any, outputs: Array, inputs: Ar
     state = estimator.predict(estimator.update(state, outputs).state, inputs)
     mixture = estimator.predictive(state)
     mixture.mean(), mixture.sd()
-    return state, estimator.quantiles(mixture, TAILS, 0)
+    return state, mixture.quantiles(TAILS, 0)
 
 
 def settled(estimator: Estimator, given: Samples, steps: int, seed: int = 1) -> Any:

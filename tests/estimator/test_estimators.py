@@ -152,7 +152,7 @@ def check_outliers_never_poison_the_state(estimator):
 def check_quantiles_increase_with_the_level(estimator):
     state = estimator.predict(start(estimator), inputs_of(estimator))
     levels = np.array([0.01, 0.1, 0.5, 0.9, 0.99])
-    assert (np.diff(estimator.quantiles(estimator.predictive(state), levels, 0)) > 0).all()
+    assert (np.diff(estimator.predictive(state).quantiles(levels, 0)) > 0).all()
     for name, quantiles in estimator.parameters(state, levels)._asdict().items():
         assert (np.diff(quantiles) >= 0).all() or not estimator.physical, name
 

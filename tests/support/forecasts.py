@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ndtr
 
 from estimator.arrays import Array
 from estimator.statespace.matrices import StateSpace
@@ -41,3 +43,12 @@ def mean_path(models: StateSpace, plan: Array) -> Array:
         path.append(simulation.outputs())
         simulation.step(inputs)
     return np.array([*path, simulation.outputs()])
+
+
+def mixture_quantile(level: float, weights: Array, means: Array, sds: Array) -> float:
+    """The `level` quantile of a Gaussian mixture (all (N,)): the root of its CDF."""
+    used = weights > 0
+    weights, means, sds = weights[used] / weights[used].sum(), means[used], sds[used]
+    reach = 9.0 * sds
+    lower, upper = float((means - reach).min()), float((means + reach).max())
+    return float(brentq(lambda y: weights @ ndtr((y - means) / sds) - level, lower, upper, xtol=1e-12, rtol=1e-14))

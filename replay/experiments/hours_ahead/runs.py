@@ -35,7 +35,7 @@ def run_hours(run: FilterRun) -> Arrays:
     def keep(row: int, place: int, mixture: Mixture) -> None:
         y = float(series.outputs[row, 0])
         kept.mean[row, place] = mixture.mean()[0]
-        kept.lower[row, place], kept.upper[row, place] = estimator.quantiles(mixture, TAILS, 0)
+        kept.lower[row, place], kept.upper[row, place] = mixture.quantiles(TAILS, 0)
         if np.isfinite(y):
             kept.crps[row, place] = crps(mixture, 0, y)
 

@@ -149,12 +149,12 @@ def run_filter(run: FilterRun) -> Arrays:
         k, standing, posterior = step.row, step.standing, step.posterior
         if standing is not None:
             kept.mean[k] = standing.mean()[0]
-            kept.lower[k], kept.upper[k] = estimator.quantiles(standing, TAILS, 0)
+            kept.lower[k], kept.upper[k] = standing.quantiles(TAILS, 0)
         noise = _left_out(measurement_sd, posterior)
         if step.assimilated and np.isfinite(noise):
             after = _without_noise(estimator.predictive(posterior.state), noise)
             kept.filtered_mean[k] = after.mean()[0]
-            kept.filtered_lower[k], kept.filtered_upper[k] = estimator.quantiles(after, TAILS, 0)
+            kept.filtered_lower[k], kept.filtered_upper[k] = after.quantiles(TAILS, 0)
         if len(posterior.alpha_quantiles):
             kept.alpha[k] = posterior.alpha_quantiles[np.argmax(posterior.alpha_quantiles[:, 1])]
         if posterior.gate is not None:

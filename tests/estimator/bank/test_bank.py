@@ -90,7 +90,7 @@ def played(bank, outputs, state=None):
     posteriors, covered = [], []
     for y in outputs:
         state = bank.predict(state, inputs)
-        lower, upper = bank.quantiles(bank.predictive(state), np.array([0.025, 0.975]), 0)
+        lower, upper = bank.predictive(state).quantiles(np.array([0.025, 0.975]), 0)
         covered.append(lower <= y <= upper)
         posteriors.append(bank.update(state, np.array([y])))
         state = posteriors[-1].state
@@ -332,7 +332,7 @@ def test_several_outputs_are_published_and_learned_from():
     for mixture in fan:
         assert mixture.means.shape[0] == 2
         for output in (0, 1):
-            lower, upper = bank.quantiles(mixture, np.array([0.025, 0.975]), output)
+            lower, upper = mixture.quantiles(np.array([0.025, 0.975]), output)
             assert lower < mixture.mean()[output] < upper
     assert state.costs.hours[0] == pytest.approx(60 * PERIOD / 3600, rel=0.1)
 

@@ -20,7 +20,7 @@ def scores(estimator, recording):
     for u, y in zip(inputs[:-1], outputs[1:], strict=True):
         state = estimator.predict(state, u)
         mixture = estimator.predictive(state)
-        rows.append([mixture.means[0, 0], *estimator.quantiles(mixture, np.array([0.025, 0.975]), 0)])
+        rows.append([mixture.means[0, 0], *mixture.quantiles(np.array([0.025, 0.975]), 0)])
         state = estimator.update(state, y).state
     mean, lower, upper = np.array(rows).T
     y = outputs[1:, 0]

@@ -247,7 +247,7 @@ def test_scenarios_are_distributed_as_the_prediction(preset):
     expected = estimator.predictive(estimator.predict(state, data.inputs[0]))
     drawn = unfolded(estimator, state, data.inputs[:1])[1]
     levels = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
-    at = estimator.quantiles(drawn, levels, 0)
+    at = drawn.quantiles(levels, 0)
     reached = expected.weights @ ndtr((at - expected.means[0][:, None]) / expected.sds[0][:, None])
     # At least half of the particles count, for else they are resampled; four standard deviations of such a share.
     np.testing.assert_allclose(reached, levels, atol=4 * np.sqrt(0.25 / (particles / 2)))

@@ -49,7 +49,7 @@ def test_with_known_parameters_and_volatility_it_is_the_kalman_filter(implementa
         np.testing.assert_allclose(mixture.sd(), sd, rtol=1e-9)
         for index in range(len(measured)):
             expected = mean[index] + 1.959963984540054 * sd[index]
-            assert estimator.quantiles(mixture, np.array([0.975]), index)[0] == pytest.approx(expected, rel=1e-9)
+            assert mixture.quantiles(np.array([0.975]), index)[0] == pytest.approx(expected, rel=1e-9)
         posterior = estimator.update(state, y)
         log_likelihood += 0.0 if np.isnan(posterior.log_likelihood) else posterior.log_likelihood
         state = posterior.state

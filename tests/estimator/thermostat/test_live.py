@@ -4,12 +4,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.special import ndtri
 from support.forecasts import unfolded
 from support.thermostat_house import recorded
 
 from estimator.foresight import foreseen, no_day, with_inputs
-from estimator.kernels.quantiles import mixture_quantiles
 from estimator.network.presets import network
 from estimator.registry import build
 from estimator.thermostat.answers import JOULES, energy, total
@@ -178,11 +176,7 @@ def test_the_interval_of_what_was_told_covers_as_it_claims(question):
         if one.question == question and one.lead == DAILY and k > now - 7 * DAILY
     ]
     assert len(told) > 100
-    inside = [
-        lower <= value <= upper
-        for value, mixture in told
-        for lower, upper in [mixture_quantiles(TAILS, ndtri(TAILS), mixture.weights, mixture.means[0], mixture.sds[0])]
-    ]
+    inside = [lower <= value <= upper for value, mixture in told for lower, upper in [mixture.quantiles(TAILS, 0)]]
     assert 0.9 <= np.mean(inside) <= 0.99
 
 

@@ -64,7 +64,7 @@ def test_the_scores_are_those_of_the_fans_that_were_issued(name):
             y, last = life[k + lead][1], life[k][1]
             before = life[k + lead - DAY][1] if k + lead >= DAY else last
             mixture = fan.at(lead - 1)
-            lower, upper = loop.estimator.quantiles(mixture, np.array([0.5 - 0.95 / 2, 0.5 + 0.95 / 2]), 0)
+            lower, upper = mixture.quantiles(np.array([0.5 - 0.95 / 2, 0.5 + 0.95 / 2]), 0)
             whole = Mixture(mixture.weights / mixture.weights.sum(), mixture.means, mixture.sds)
             error = y - whole.mean()[0]
             values = (1.0, error**2, crps(mixture, 0, y), lower <= y <= upper, upper - lower)
@@ -127,5 +127,4 @@ def test_heating_that_nobody_foresees_shows_here_and_not_in_hindsight():
 @pytest.mark.parametrize(("hours", "leads"), [(1, (6, 24)), (6, (24,)), (24, ())])
 def test_a_horizon_of_one_step_is_not_issued(hours, leads):
     """Its inputs are known, and the published forecast is scored as it is."""
-    estimator = build("ekf", network("tite"), 3600 * hours, {})
-    assert AsIssued(estimator).leads == tuple(3600 * lead for lead in leads)
+    assert AsIssued(3600.0 * hours).leads == tuple(3600 * lead for lead in leads)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from scipy.stats import norm
+from support.forecasts import mixture_quantile
 
-from estimator.particle.reference import mixture_quantile
 from estimator.types import Mixture, Mixtures
 from estimator.verification.scores import reduced
 from estimator.verification.summaries import as_distributed, summary
