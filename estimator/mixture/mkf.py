@@ -29,7 +29,7 @@ from estimator.network.network import Network
 from estimator.network.starting import initial_temperatures
 from estimator.particle.gate import learning_gate, regime, weighted_quantiles
 from estimator.particle.kalman import unpack
-from estimator.particle.resampling import Weighted, effective_sample_size
+from estimator.particle.resampling import Weighted, effective_sample_size, reweigh, systematic
 from estimator.types import (
     ALPHA_LEVELS,
     Disturbance,
@@ -186,7 +186,7 @@ class MKF(OneState):
         )
         particles, worth = self._moves.propagate(state.particles(), walk, inputs, float(state.gate))
         if self._model.proposed_on_probability > self._model.on_probability:
-            state = state._replace(log_weights=self._moves.reweigh(state.log_weights + worth).log_weights)
+            state = state._replace(log_weights=reweigh(state.log_weights + worth).log_weights)
         return state.with_particles(particles)._replace(step=np.array(step, dtype=np.int64))
 
     def predictive(self, state: MKFState) -> Mixture:
@@ -204,7 +204,7 @@ class MKF(OneState):
         # A largest weight that is not a number is no reason to stop: the others may still explain the sample.
         if not np.fmax.reduce(log_weights) > _LOG_SMALLEST:
             return self._kept(state, Outcome.VANISHED)
-        return self._learn(state.with_particles(particles), self._moves.reweigh(log_weights))
+        return self._learn(state.with_particles(particles), reweigh(log_weights))
 
     def scenarios(self, state: MKFState, plan: Array, count: int) -> Array:
         """Sampled futures (`count`, h + 1, n_y) of the measured nodes [degC], without measurement noise.
@@ -304,7 +304,7 @@ class MKF(OneState):
     def _sample(self, state: MKFState, draws: Draws, count: int) -> tuple[Indices, Array]:
         """Indices (K,) of particles, drawn by weight, and draws (n_z, K) from their Gaussians."""
         place = float(draws.uniforms(Purpose.RESAMPLE, (1, 1))[0, 0])
-        index = self._moves.systematic(np.exp(state.log_weights), place, count)
+        index = systematic(np.exp(state.log_weights), place, count)
         normals = draws.normals(Purpose.MIXTURE_SAMPLE, (self._model.size, count))
         return index, self._moves.sample(state.particles(), index, normals)
 
@@ -349,7 +349,7 @@ class MKF(OneState):
         elif weighted.effective_sample_size < self.options.resample_below * len(weights):
             draws = Draws(int(state.seed), int(state.step))
             place = float(draws.uniforms(Purpose.RESAMPLE, (1, 1))[0, 0])
-            index = self._moves.systematic(weights, place, len(weights))
+            index = systematic(weights, place, len(weights))
             log_weights = np.full(len(weights), -np.log(len(weights)))
         else:
             return state, False

@@ -17,7 +17,6 @@ from estimator.mixture.model import HOUR, SMALLEST_PIVOT, WATTS, MixtureModel, P
 from estimator.network.modal import ModalNetwork
 from estimator.network.network import HeatInput
 from estimator.particle.kalman import kalman_update, pack, unpack
-from estimator.particle.resampling import Weighted, reweigh, systematic
 from estimator.particle.volatility import walked_volatility
 
 _GAIN_CHANNEL = "unmeasured gain"
@@ -129,14 +128,6 @@ class ReferenceMixture:
             q = on * (self._gain_decay(start.log_hours) * q + self._gain_walk(alpha) * walks)
             temperatures[ahead] = x[model.topology.measured]
         return temperatures
-
-    def reweigh(self, log_weights: Array) -> Weighted:
-        """Weights normalised."""
-        return reweigh(log_weights)
-
-    def systematic(self, weights: Array, uniform: float, count: int) -> Indices:
-        """Indices (count,) of systematic resampling from `weights` (N,)."""
-        return systematic(weights, uniform, count)
 
     def _walked(self, particles: Particles, walk: Walk) -> Particles:
         """log alpha, log sigma_y and the log time constant one step on, each inside its bounds."""

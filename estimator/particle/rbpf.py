@@ -24,7 +24,7 @@ from estimator.particle.kalman import unpack
 from estimator.particle.liu_west import liu_west_kernel
 from estimator.particle.options import ALL_NODES, Options
 from estimator.particle.reference import ReferenceSteps
-from estimator.particle.resampling import Weighted, effective_sample_size
+from estimator.particle.resampling import Weighted, effective_sample_size, reweigh, systematic
 from estimator.types import (
     ALPHA_LEVELS,
     Mixture,
@@ -114,10 +114,9 @@ class RBPF(OneState):
 
     def predictive(self, state: ParticleState) -> Mixture:
         """The mixture of line 10, over every output."""
-        variance = self.options.measurement_sd**2
-        return self._steps.predictive(
-            state.mean, state.covariance, state.log_weights, self._topology.measured, variance
-        )
+        measured = self._topology.measured
+        variances = state.covariance[[packed(node, node) for node in measured]] + self.options.measurement_sd**2
+        return Mixture(np.exp(state.log_weights), state.mean[measured], np.sqrt(variances))
 
     def update(self, state: ParticleState, outputs: Array) -> Posterior:
         """Lines 11-15 with y_k = `outputs` (n_y,); NaN marks a missing output."""
@@ -131,7 +130,7 @@ class RBPF(OneState):
         # A largest weight that is not a number is no reason to stop: the others may still explain the sample.
         if not np.fmax.reduce(log_weights) > _LOG_SMALLEST:
             return self._kept(state, Outcome.VANISHED)
-        return self._learn(state._replace(mean=mean, covariance=covariance), self._steps.reweigh(log_weights))
+        return self._learn(state._replace(mean=mean, covariance=covariance), reweigh(log_weights))
 
     def parameters(self, state: ParticleState, levels: Array) -> ParameterSummary:
         """Weighted quantiles over particles of theta, the time constants and the heat-loss coefficient."""
@@ -237,7 +236,7 @@ class RBPF(OneState):
         gate = min(block.gate for block in gates)
         resampled = weighted.effective_sample_size < options.resample_below * options.particles
         if resampled:
-            index = self._steps.systematic(weights, float(draws.uniforms(Purpose.RESAMPLE, (1, 1))[0, 0]))
+            index = systematic(weights, float(draws.uniforms(Purpose.RESAMPLE, (1, 1))[0, 0]))
             weights = np.full(len(weights), 1.0 / len(weights))
             log_weights = np.full(len(weights), -np.log(len(weights)))
             state = state._replace(

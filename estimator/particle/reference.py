@@ -12,9 +12,7 @@ from estimator.network.space import ParameterSpace
 from estimator.particle.kalman import Assimilated, kalman_predict, kalman_update
 from estimator.particle.liu_west import Kernel, moments, rejuvenate
 from estimator.particle.options import Options
-from estimator.particle.resampling import Weighted, reweigh, systematic
 from estimator.particle.volatility import propagate_volatility
-from estimator.types import Mixture
 
 
 class ReferenceSteps:
@@ -66,17 +64,6 @@ class ReferenceSteps:
         """Kalman measurement update (line 12) of every particle."""
         return kalman_update(mean, covariance, node, y, variance)
 
-    def predictive(
-        self, mean: Array, covariance: Array, log_weights: Array, nodes: Indices, variance: float
-    ) -> Mixture:
-        """The mixture of line 10 over the outputs `nodes` (n_y,), with measurement `variance` R."""
-        variances = covariance[[packed(node, node) for node in nodes]] + variance
-        return Mixture(np.exp(log_weights), mean[nodes], np.sqrt(variances))
-
-    def reweigh(self, log_weights: Array) -> Weighted:
-        """Weights normalised (line 11)."""
-        return reweigh(log_weights)
-
     def moments(self, coordinates: Array, weights: Array) -> tuple[Array, Array]:
         """Weighted mean (24) and covariance (25) of the parameter coordinates."""
         return moments(coordinates, weights)
@@ -90,7 +77,3 @@ class ReferenceSteps:
         """Posterior mean (d,) of phi, the point estimate of (33)."""
         # Summed along each row: a library's matrix product may depend on how many threads it has.
         return np.asarray((self._space.log_parameters(coordinates) * weights).sum(axis=1), dtype=np.float64)
-
-    def systematic(self, weights: Array, uniform: float) -> Indices:
-        """Indices (N,) of systematic resampling (line 14)."""
-        return systematic(weights, uniform)

@@ -160,7 +160,7 @@ def test_bits_do_not_depend_on_where_arrays_lie(logit):
             *compiled.moments(coordinates, weights),
             compiled.rejuvenate(coordinates, kernel, Draws(1, 2)),
             compiled.walk(log_alpha, resolve(preset, 300.0, {}), Draws(1, 2)),
-            compiled.reweigh(np.log(weights)).log_weights,
+            reweigh(np.log(weights)).log_weights,
             compiled.mean_log_parameters(coordinates, weights),
             mixture.quantiles(np.array([0.1, 0.5]), 0),
         ]
