@@ -1,4 +1,4 @@
-"""The types of array that the mathematics is written in, and arrays by name, in parts."""
+"""What the mathematics is written in: types of array, arrays by name, and lengths of time."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,6 +8,9 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
+
+HOUR, DAY = 3600, 86_400
+"""s."""
 
 
 def together(parts: Mapping[str, Mapping[str, Any]]) -> dict[str, Array]:

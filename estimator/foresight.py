@@ -15,13 +15,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from estimator.arrays import Array, Indices
+from estimator.arrays import DAY, HOUR, Array, Indices
 from estimator.heat.terms import CLEAR, HABIT, sun_channel
 from estimator.kernels.draws import Draws, Purpose
 from estimator.network.network import Network
 from estimator.network.presets import NEIGHBOUR
 
-_DAY = 86400
 _SLOT = 300
 """Slots of the day are this long, in s, or as long as a period."""
 
@@ -46,7 +45,7 @@ _LITTLE_SUN = 20.0
 _BRIGHTEST = 3.0
 """Times the usual sun, at most."""
 
-_OLDEST = 2 * _DAY
+_OLDEST = 2 * DAY
 """Age in s beyond which a slot tells nothing any more."""
 
 _REMEMBERED, _SUPPOSED = 14.0, 2.0
@@ -54,8 +53,6 @@ _REMEMBERED, _SUPPOSED = 14.0, 2.0
 
 _OUTDOORS_SD, _NEIGHBOUR_SD, _SUN_SD = 4.0, 1.5, 0.4
 """What is supposed of how inputs stray: K, K, and share of the usual sun."""
-
-_HOUR = 3600.0
 
 FUTURES = 61
 """Ways in which what is foreseen may stray, the same for all rooms of a site at one time."""
@@ -88,7 +85,7 @@ class Day(NamedTuple):
 
 def no_day(width: int, period: int) -> Day:
     """Nothing is known of `width` inputs that are sampled every `period` s."""
-    slots = -(-_DAY // max(period, _SLOT))
+    slots = -(-DAY // max(period, _SLOT))
     nothing, none = np.full(width, np.nan), np.zeros(width)
     rows = np.full((slots, width), np.nan)
     return Day(
@@ -100,7 +97,7 @@ def restored(arrays: Mapping[str, Array]) -> Day:
     """The day that was stored as `arrays`, by name; what knew a single day knows the usual one by that, and errors of
     which nothing was stored are supposed anew."""
     width, known = len(arrays["before"]), ~np.isnan(arrays["times"])
-    fresh = no_day(width, _DAY // len(known))._asdict() | {"days": known.astype(np.float64)}
+    fresh = no_day(width, DAY // len(known))._asdict() | {"days": known.astype(np.float64)}
     return Day(**{**fresh, **arrays})
 
 
@@ -110,7 +107,7 @@ def with_inputs(day: Day, time: int, inputs: Array) -> Day:
     slot = _slot(day, np.array(time))
     since = time - day.times
     times, rows, days, before = day.times.copy(), day.inputs.copy(), day.days.copy(), day.before
-    anew = not since[slot] < _DAY // 2
+    anew = not since[slot] < DAY // 2
     if anew:
         before = rows[slot].copy()
         days[slot] = days[slot] + 1.0 if since[slot] < _OLDEST else 1.0
@@ -178,7 +175,7 @@ def strays(network: Network, day: Day) -> Array:
     squares, products, usual = day.moments
     days = float(day.verified) / len(day.times)
     for column, fades, is_sun in _daily(network):
-        left = 0.0 if is_sun else float(np.exp(-_DAY / fades))
+        left = 0.0 if is_sun else float(np.exp(-DAY / fades))
         # A foresight of a day before was off by what is unusual now, less what was left of what was unusual then.
         error = (1.0 + left**2) * squares[column] - 2.0 * left * products[column]
         told = error / max(float(usual[column]), _LITTLE_SUN) if is_sun else error / (1.0 - left**2)
@@ -218,16 +215,16 @@ class Weather(NamedTuple):
 def weather(network: Network, sds: Array, period: float, steps: int, time: int) -> Weather:
     """The futures of the inputs of `network` that stray by `sds` (n_u,) over `steps` of `period` s from `time` [UTC s]
     on."""
-    hours, daily = -(-round(steps * period) // round(_HOUR)), _daily(network)
-    draws = Draws(0, int(time // _HOUR), forecast=True)
+    hours, daily = -(-round(steps * period) // round(HOUR)), _daily(network)
+    draws = Draws(0, int(time // HOUR), forecast=True)
     normals = draws.normals(Purpose.FORESEEN, (len(daily) * hours, FUTURES)).reshape(len(daily), hours, FUTURES)
     normals = normals - normals.mean(axis=2, keepdims=True)
-    hour = (np.arange(steps) * period // _HOUR).astype(np.int64)
+    hour = (np.arange(steps) * period // HOUR).astype(np.int64)
     shifts, sun = [], np.zeros((steps, FUTURES))
     for (column, fades, is_sun), own in zip(daily, normals, strict=True):
         if sds[column] <= 0.0:
             continue
-        left = float(np.exp(-_HOUR / fades))
+        left = float(np.exp(-HOUR / fades))
         paths = np.sqrt(1.0 - left**2) * own
         for place in range(1, hours):
             paths[place] += left * paths[place - 1]
@@ -264,5 +261,5 @@ def _sunny(network: Network) -> Indices:
 
 
 def _slot(day: Day, times: Array) -> Array:
-    length = -(-_DAY // len(day.times))
-    return np.asarray(times % _DAY // length, dtype=np.int64)
+    length = -(-DAY // len(day.times))
+    return np.asarray(times % DAY // length, dtype=np.int64)

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import DAY, Array
 from estimator.diagnosis.diagnose import diagnose, due
 from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record, no_record, with_sample
@@ -51,7 +51,6 @@ _SELDOM, _LAST_WEEKS = 7, 35 * 86400
 """h between live forecasts in a long history, no divisor of a day, so that they are made at every hour of it; and s at
 its end in which they are made every hour, for their record reaches back 30 days."""
 
-_DAY = 86400
 
 UNUSABLE_SD = 10.0
 """K: a forecast with a larger standard deviation says nothing of a room. Nonsense in the telemetry can leave a UKF with
@@ -351,7 +350,7 @@ class Loop:
         """Drive `rows` (h, n_u + m) from `start` [UTC s] on, in which the inputs `known` are not foreseen by the zone
         itself; beside them those with the heat [W] of the day before, where it was measured."""
         network, ahead = self.estimator.network, self.estimator.period * np.arange(len(rows), dtype=np.float64)
-        then = inputs_at(carried.recent, start + ahead % _DAY - _DAY)
+        then = inputs_at(carried.recent, start + ahead % DAY - DAY)
         planned = rows.copy()
         for column, channel in enumerate(network.inputs):
             if channel in network.heat_channels and network.channel_unit(channel) == "W":

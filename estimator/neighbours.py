@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array, under
+from estimator.arrays import DAY, Array, under
 from estimator.bank.bank import Bank, BankState
 from estimator.blackbox.arx import ARX, ARXState
 from estimator.blackbox.daily import Daily, DailyState
@@ -42,8 +42,6 @@ _BELIEVED, _SPREAD = 4.0, 0.5
 _SUREST = 0.05
 """Standard deviation below which no posterior is believed, in the same unit."""
 _ROUNDS = 20
-
-_DAY = 86400.0
 
 
 class Learned(NamedTuple):
@@ -91,7 +89,7 @@ def begun(estimator: Estimator, state: Any, time: float, known: Experience | Non
         return _begun_gaussian(estimator, state, known)
     if isinstance(estimator, Direct):
         # It fits with the first sample.
-        fitted = np.array(round(_DAY / estimator.period), dtype=np.int64)
+        fitted = np.array(round(DAY / estimator.period), dtype=np.int64)
         return state._replace(**{**known, "moments": _turned(known["moments"], -time), "fitted": fitted})
     return _begun_arx(state, known)
 
@@ -215,7 +213,7 @@ def _shares(counts: Array, most: float) -> Array:
 
 def _direct_sums(estimator: Direct, others: Sequence[Learned]) -> dict[str, Array]:
     """Moments, with the hour as if every zone had begun at midnight UTC, and what verified forecasts were worth."""
-    most = DAYS * _DAY / estimator.period
+    most = DAYS * DAY / estimator.period
     begins = [other.time - int(other.state.step) * estimator.period for other in others]
     turned = [_turned(other.state.moments, begin) for other, begin in zip(others, begins, strict=True)]
     moments, verified = np.stack(turned), np.stack([other.state.verified for other in others])
@@ -228,7 +226,7 @@ def _direct_sums(estimator: Direct, others: Sequence[Learned]) -> dict[str, Arra
 
 def _turned(moments: Array, seconds: float) -> Array:
     """`moments` (n_y, L, p, p + 1) with a clock that shows so many `seconds` more."""
-    angle = 2.0 * np.pi * seconds / _DAY
+    angle = 2.0 * np.pi * seconds / DAY
     sine, cosine = np.sin(angle), np.cos(angle)
     turn = np.array([[cosine, sine], [-sine, cosine]])
     rows = moments.copy()
@@ -239,7 +237,7 @@ def _turned(moments: Array, seconds: float) -> Array:
 
 def _arx_sums(estimator: ARX | Daily, states: Sequence[ARXState | DailyState]) -> dict[str, Array]:
     """Information matrices added up, and what follows from them without a prior."""
-    most = DAYS * _DAY / estimator.period
+    most = DAYS * DAY / estimator.period
     information = np.stack([np.linalg.inv(state.covariance) for state in states])
     shares = _shares(information[..., 0, 0], most)[..., None, None]
     right = information @ np.stack([state.coefficients for state in states])[..., None]

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array, together, under
+from estimator.arrays import HOUR, Array, together, under
 from estimator.bank.coverage import Widths, no_widths, with_place
 from estimator.bank.mixing import mixed, mixed_futures, stretched
 from estimator.bank.options import BankOptions, prior_at
@@ -37,9 +37,7 @@ _DRAWS = 400
 _LOST = 6
 """Samples in a row that a member could not explain, after which it starts its temperatures anew."""
 
-_HOUR = 3600.0
-
-_COMPARED_AHEAD = 6 * _HOUR
+_COMPARED_AHEAD = 6 * HOUR
 """s: where a network shows, long enough for its slow paths and short enough to be learned in days."""
 
 
@@ -91,9 +89,9 @@ class Bank:
         """What of the bank's drive row drives every member's network."""
         self.leads = (1, *(lead for lead in self._hindsight.leads if lead > 1))
         """Steps ahead of the horizons at which weights and widths are learned."""
-        hours = self._ahead = np.array(self.leads) * period / _HOUR
+        hours = self._ahead = np.array(self.leads) * period / HOUR
         """The leads in hours."""
-        self._hours = np.where(np.arange(len(hours)) == 0, hours, self._hindsight.every * period / _HOUR)
+        self._hours = np.where(np.arange(len(hours)) == 0, hours, self._hindsight.every * period / HOUR)
         """From one verified forecast to the next."""
         self._shares = np.minimum(self._hours / hours, 1.0)
         """Of a verified forecast, in forecasts that do not overlap."""

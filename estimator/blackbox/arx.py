@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from estimator.arrays import Array
+from estimator.arrays import DAY, Array
 from estimator.blackbox.options import ARXOptions
 from estimator.blackbox.regression import FARTHEST, LEVEL, Regression
 from estimator.network.network import Network
@@ -35,7 +35,6 @@ _RESIDUAL_DAYS = 2.0
 """Time constant with which old residuals are forgotten [d]: the first ones, of a regression that knew nothing, soon."""
 _SURE = 5.0
 """Verified errors whose weight equals that of the theory."""
-_DAY = 86400.0
 
 
 class ARXState(NamedTuple):
@@ -76,10 +75,10 @@ class ARX(Regression):
         self.options = options
         self._width = 1 + options.past_outputs + options.past_inputs * len(self.level)
         self._prior = (_PRIOR_SD / _FIRST_SD) ** 2
-        self._forgetting = exp(-period / (options.memory_days * _DAY))
-        self._residual_forgetting = exp(-period / (min(options.memory_days, _RESIDUAL_DAYS) * _DAY))
+        self._forgetting = exp(-period / (options.memory_days * DAY))
+        self._residual_forgetting = exp(-period / (min(options.memory_days, _RESIDUAL_DAYS) * DAY))
         # Of each lead an error becomes known every hour, or with every sample.
-        self._verified_forgetting = exp(-max(3600.0, period) / (options.verified_memory_days * _DAY))
+        self._verified_forgetting = exp(-max(3600.0, period) / (options.verified_memory_days * DAY))
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> ARXState:
         """Persistence, from the first sample: its outputs (n_y,) and inputs (n_u,)."""

@@ -11,14 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import DAY, Array
 from estimator.blackbox.arx import ARX, ARXState
 from estimator.blackbox.options import ARXOptions
 from estimator.blackbox.regression import LEVEL, Regression
 from estimator.network.network import Network
 from estimator.types import Mixture, Mixtures, Posterior
-
-_DAY = 86400.0
 
 
 class DailyState(NamedTuple):
@@ -57,7 +55,7 @@ class Daily(Regression):
         super().__init__(network, period)
         self.options = options
         self._arx = ARX(network, period, options)
-        self._steps = max(1, round(_DAY / period))
+        self._steps = max(1, round(DAY / period))
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> DailyState:
         """Nothing has changed since yesterday: outputs (n_y,) and inputs (n_u,) of the first sample."""

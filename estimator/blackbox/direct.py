@@ -17,13 +17,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from estimator.arrays import Array
+from estimator.arrays import DAY, HOUR, Array
 from estimator.blackbox.options import DirectOptions
 from estimator.blackbox.regression import FARTHEST, LEVEL, Regression
 from estimator.network.network import Network
 from estimator.types import Mixture, Mixtures, Outcome, Posterior
 
-_HOUR, _DAY = 3600.0, 86400.0
 _LEADS = (0.0, 1.0, 2.0, 3.0, 6.0, 9.0, 12.0, 15.0, 18.0, 21.0, 24.0)
 """h; the first is one step."""
 _PAST = (1.0, 6.0, 24.0)
@@ -104,19 +103,19 @@ class Direct(Regression):
     def __init__(self, network: Network, period: float, options: DirectOptions) -> None:
         super().__init__(network, period)
         self.options = options
-        self._day = max(1, round(_DAY / period))
-        self._leads = np.unique([max(1, round(hours * _HOUR / period)) for hours in _LEADS])
+        self._day = max(1, round(DAY / period))
+        self._leads = np.unique([max(1, round(hours * HOUR / period)) for hours in _LEADS])
         self._presumed = _PRESUMED * self._leads.astype(np.float64)
         """(L,): what the spread that a shorter lead lets expect counts as, in forecasts."""
-        hours = self._leads * period / _HOUR
+        hours = self._leads * period / HOUR
         far = hours > _HALF_A_DAY
         self._growth = np.exp(2.0 * _GROWTH * np.diff(np.log(np.minimum(hours, _GROWN)), prepend=0.0))
         """(L,): the variance to expect over that of the lead `_like`, for the first over that of an hour."""
-        mirrored = np.abs(hours - np.maximum(_DAY / _HOUR - hours, _GROWN)[:, None]).argmin(axis=1)
+        mirrored = np.abs(hours - np.maximum(DAY / HOUR - hours, _GROWN)[:, None]).argmin(axis=1)
         self._like = np.where(far, mirrored, np.arange(len(hours)) - 1)
         self._believed = np.where(far, 0.0, _BELIEVED)
         """(L,): share of a foretold change that is believed before any was verified."""
-        self._windows = np.array([max(1, round(hours * _HOUR / period)) for hours in (*_PAST, *_LAST, *_CHANGES)])
+        self._windows = np.array([max(1, round(hours * HOUR / period)) for hours in (*_PAST, *_LAST, *_CHANGES)])
         self._foresees = not options.blind
         means = len(_PAST) + (1 + len(_LAST)) * self._foresees
         self._width = _OWN + means * len(network.inputs)
@@ -127,8 +126,8 @@ class Direct(Regression):
         """(L, p): the coefficients before any fit, to which the ridge draws."""
         if options.blind:
             self._prior[:, _DAY_BEFORE] = 1.0 - np.exp(-hours / _SETTLES)
-        self._forgetting = math.exp(-period / (options.memory_days * _DAY))
-        self._verified_memory = options.verified_memory_days * _DAY / period
+        self._forgetting = math.exp(-period / (options.memory_days * DAY))
+        self._verified_memory = options.verified_memory_days * DAY / period
 
     @property
     def issue_type(self) -> type[DirectIssue]:

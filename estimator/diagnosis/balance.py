@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import DAY, Array
 from estimator.diagnosis.finding import AGAINST_BALANCE, Finding, amount
-from estimator.diagnosis.record import DAY, DAYS, Record
+from estimator.diagnosis.record import DAYS, Record
 from estimator.network.assembly import assemble
 from estimator.network.boxes import boxed
 from estimator.network.discretise import heat_loss

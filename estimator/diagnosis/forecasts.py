@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import HOUR, Array
 from estimator.diagnosis.balance import known_heat
 from estimator.diagnosis.finding import IMPLAUSIBLE, Finding, amount
 from estimator.network.presets import takes_box
@@ -19,7 +19,6 @@ FASTEST = 15.0
 """K per hour: 100 W/m2, a generous heater, warms the air and surfaces of a light room (15 Wh/(m2 K)) by 7 K in the
 first hour. Twice that is no room."""
 
-_HOUR = 3600.0
 _DRAWS = 64
 """Draws that a test forecast stands for at most; its mean is compared with limits that are far away."""
 
@@ -30,7 +29,7 @@ def implausible(estimator: Estimator, state: Any, inputs: Array, largest: Array)
     `inputs` (n_u,) are those in force, `largest` (n_u,) the largest so far: full heating is the largest known one.
     Means are tested, for the ends of an interval may lie anywhere while little is known.
     """
-    network, steps = estimator.network, ceil(_HOUR / estimator.period)
+    network, steps = estimator.network, ceil(HOUR / estimator.period)
     heat = [network.inputs.index(channel) for channel in known_heat(network) if network.channel_unit(channel) == "W"]
     off, full = inputs.copy(), inputs.copy()
     off[heat], full[heat] = 0.0, largest[heat]
@@ -40,7 +39,7 @@ def implausible(estimator: Estimator, state: Any, inputs: Array, largest: Array)
     cold, warm = (np.array(list(_means(estimator, issue, plan))) for plan in plans)
     both = np.concatenate([cold, warm])
     # An hour of full heating says little where a step is longer than that.
-    rise = float(np.max(warm[-1] - cold[-1])) / (steps * estimator.period / _HOUR)
+    rise = float(np.max(warm[-1] - cold[-1])) / (steps * estimator.period / HOUR)
     farthest = both.ravel()[np.argmax(np.abs(both - (COLDEST + HOTTEST) / 2.0))]
     power = amount(float(largest[heat].sum()))
     if not np.isfinite(both).all() or not COLDEST <= farthest <= HOTTEST:

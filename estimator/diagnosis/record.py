@@ -7,12 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import DAY, Array
 
 DAYS = 28
 """Days that the record reaches back: four whole weeks, in which a heavy building has forgotten where it started."""
-
-DAY = 86400.0
 
 
 class Record(NamedTuple):

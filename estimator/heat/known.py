@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array, Indices
+from estimator.arrays import DAY, Array, Indices
 from estimator.heat.sun import FACES, Geometry, Location, clear_sky, geometry, split, sun
 from estimator.heat.terms import CLEAR, DIFFUSE, HABIT_HOURS, HORIZONTAL, SUN_HOURS, sun_channel
 from estimator.network.network import Network
@@ -14,7 +14,6 @@ from estimator.network.network import Network
 _RESOLUTION = 600.0
 """s: the sun is looked at this often within an interval."""
 
-_DAY = 86400
 _DAYS_KEPT = 2
 """Days of which what depends on the time alone is kept: a sample needs one, a forecast of a day two."""
 _SHORTEST = 60.0
@@ -93,9 +92,9 @@ class KnownHeat:
         """What depends on `times` (L,) alone; computed for a day at once where they lie on the grid of the period, in
         no more days than are kept."""
         places, beside = np.divmod(times, self._period)
-        if self._period < _SHORTEST or _DAY % self._period or beside.any():
+        if self._period < _SHORTEST or DAY % self._period or beside.any():
             return self._computed(times)
-        slots = round(_DAY / self._period)
+        slots = round(DAY / self._period)
         days, slot = np.divmod(places.astype(np.int64), slots)
         known = np.unique(days)
         if not 0 < len(known) <= _DAYS_KEPT:
@@ -104,7 +103,7 @@ class KnownHeat:
 
     def _computed_of_day(self, day: int) -> _Timely:
         """Of all intervals of the `day`, counted from 1970 in UTC."""
-        return self._computed(day * float(_DAY) + np.arange(0.0, _DAY, self._period))
+        return self._computed(day * float(DAY) + np.arange(0.0, DAY, self._period))
 
     def _computed(self, times: Array) -> _Timely:
         local = self._calendar(times + self._period / 2.0)

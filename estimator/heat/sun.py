@@ -10,12 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import DAY, Array
 
 SOLAR_CONSTANT = 1361.0
 """W/m2."""
 
-_DAY = 86400.0
 _J2000 = 946728000.0
 """UTC s of 1 January 2000, 12 h."""
 
@@ -51,7 +50,7 @@ class Irradiance(NamedTuple):
 
 def sun(times: Array, location: Location) -> Sun:
     """The sun at `times` [UTC s], of any shape."""
-    days = (times - _J2000) / _DAY
+    days = (times - _J2000) / DAY
     mean_longitude = np.radians((280.460 + 0.9856474 * days) % 360.0)
     anomaly = np.radians((357.528 + 0.9856003 * days) % 360.0)
     longitude = mean_longitude + np.radians(1.915 * np.sin(anomaly) + 0.020 * np.sin(2.0 * anomaly))

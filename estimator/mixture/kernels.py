@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from estimator.arrays import Array, Indices
+from estimator.arrays import HOUR, Array, Indices
 from estimator.kernels.blocks import fixed_parameters, load, store
 from estimator.kernels.elementary import exponential, logarithm
 from estimator.kernels.jit import INLINE, JIT, PART, WIDTH
 from estimator.kernels.modes import bend, heat_flow, memory, modes, move, respond, slopes, transition
 from estimator.kernels.packing import packed
-from estimator.mixture.model import HOUR, WATTS
+from estimator.mixture.model import WATTS
 
 _TWO_PI = 6.283185307179586
 _TINY = 1e-300

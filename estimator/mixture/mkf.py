@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from estimator.arrays import Array, Indices
+from estimator.arrays import HOUR, Array, Indices
 from estimator.kernels.draws import Draws, Purpose
 from estimator.kernels.packing import packed
 from estimator.mixture.compiled import CompiledMixture
-from estimator.mixture.model import HOUR, WATTS, MixtureModel, Particles, Scenarios, Walk
+from estimator.mixture.model import WATTS, MixtureModel, Particles, Scenarios, Walk
 from estimator.mixture.options import MKFOptions
 from estimator.mixture.reference import ReferenceMixture
 from estimator.network.assembly import assemble

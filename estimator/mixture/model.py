@@ -10,20 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array, Indices
+from estimator.arrays import DAY, Array, Indices
 from estimator.mixture.options import LEARNED, MKFOptions
 from estimator.network.assembly import Topology, topology
 from estimator.network.network import Network
 from estimator.network.space import ParameterSpace, parameter_space
 from estimator.particle.options import ALL_NODES, Options
 
-HOUR = 3600.0
 WATTS = 1000.0
 """Watts in the unit of q."""
 SMALLEST_PIVOT = 1e-12
 """Share of a variance below which what is left of it, given the components before, is rounding."""
-
-DAY = 86400.0
 
 _PROPOSED_ONSETS = 0.1
 """Share of the particles without a gain that try one."""

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.arrays import Array, Indices
+from estimator.arrays import HOUR, Array, Indices
 from estimator.gaussian.floor import with_known_gain
 from estimator.kernels.draws import Draws, Purpose
 from estimator.kernels.packing import packed
-from estimator.mixture.model import HOUR, SMALLEST_PIVOT, WATTS, MixtureModel, Particles, Scenarios, Walk
+from estimator.mixture.model import SMALLEST_PIVOT, WATTS, MixtureModel, Particles, Scenarios, Walk
 from estimator.network.modal import ModalNetwork
 from estimator.network.network import HeatInput
 from estimator.particle.kalman import kalman_update, pack, unpack

@@ -10,10 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array, Indices
+from estimator.arrays import DAY, Array, Indices
 from estimator.thermostat.memory import Memory, at, slot
-
-_DAY = 86400
 
 Schedule = Callable[[Array], Array]
 """Set-points (h,) [degC] that are known ahead, at times (h,) [UTC s]."""
@@ -27,7 +25,7 @@ KindOfDay = Callable[[Array], Indices]
 def weekday_or_weekend(times: Array) -> Indices:
     """1 on Saturdays and Sundays of UTC, 0 otherwise."""
     # 1970 began on a Thursday.
-    return np.asarray((times // _DAY + 3) % 7 >= 5, dtype=np.int64)
+    return np.asarray((times // DAY + 3) % 7 >= 5, dtype=np.int64)
 
 
 class ToCome(NamedTuple):
@@ -48,7 +46,7 @@ def guesses(memory: Memory, now: float, times: Array, known: ToCome = NOTHING_KN
     if known.schedule is not None:
         found[0] = known.schedule(times)
     if len(memory.times):
-        for row, back in ((1, _DAY), (2, 7 * _DAY)):
+        for row, back in ((1, DAY), (2, 7 * DAY)):
             # Beyond its length a period repeats.
             periods = (times - begin) // back + 1.0
             found[row] = at(memory, memory.setpoints, times - back * periods)
@@ -62,7 +60,7 @@ def _usual(memory: Memory, times: Array, kinds: KindOfDay) -> Array:
     rows = memory.setpoints.reshape(14, daily)
     known = np.isfinite(rows)
     of = np.where(known, kinds(np.where(known, memory.times.reshape(14, daily), 0.0).ravel()).reshape(14, daily), -1)
-    place = np.minimum(times % _DAY // slot(memory), daily - 1).astype(np.int64)
+    place = np.minimum(times % DAY // slot(memory), daily - 1).astype(np.int64)
     wanted, usual = kinds(times), np.full(len(times), np.nan)
     for kind in np.unique(wanted):
         chosen = np.where(of == kind, rows, np.inf)

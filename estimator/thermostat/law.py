@@ -25,11 +25,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from estimator.arrays import Array, Indices
+from estimator.arrays import DAY, Array, Indices
 from estimator.network.network import Network
 from estimator.thermostat.memory import Memory
-
-_DAY = 86400
 
 _REACH = 4.0
 """K: larger deviations from the set-point count as this one."""
@@ -102,7 +100,7 @@ def identified(network: Network, memory: Memory) -> Laws:
     """The laws of the heat inputs of `network` that obey the set-point, as far as `memory` shows them."""
     found = []
     deviation = memory.setpoints - memory.temperatures
-    days = (memory.times // _DAY) if len(memory.times) else memory.times
+    days = (memory.times // DAY) if len(memory.times) else memory.times
     for channel in network.heat_channels:
         if network.channel_unit(channel) != "W":
             continue

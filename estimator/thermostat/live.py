@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array, Indices, together, under
+from estimator.arrays import HOUR, Array, Indices, together, under
 from estimator.bank.bank import Bank
 from estimator.bank.coverage import Widths, no_widths, with_place
 from estimator.bank.mixing import mixed, mixed_futures, stretched
@@ -100,8 +100,6 @@ _BEYOND = 3.0
 
 _GONE = 1e-6
 """Weight of a future that is not believed, relative to one that is: where no other is left, it still counts."""
-
-_HOUR = 3600.0
 
 
 class Issue(NamedTuple):
@@ -227,7 +225,7 @@ class LiveForecasts:
         """Steps ahead at which both questions are verified; the first step is the published forecast, whoever asks."""
         prior = np.array(_PRIOR if to_come.schedule is None else _SCHEDULED)
         self._prior = np.tile(prior[:, None], len(self.leads))
-        self._hours = max(1, round(EVERY / estimator.period)) * estimator.period / _HOUR
+        self._hours = max(1, round(EVERY / estimator.period)) * estimator.period / HOUR
 
     def begin(self) -> Live:
         """Nothing was proved."""
@@ -333,7 +331,7 @@ class LiveForecasts:
         had been told of it with the weights, the scale and the errors of the issue."""
         laws, memory = thermostat.laws, thermostat.memory
         steps, shares = self.leads[horizon] - 1, issue.shares[horizon]
-        setpoints, hourly = live.setpoints[len(live.setpoints) - steps :], round(_HOUR / self._estimator.period)
+        setpoints, hourly = live.setpoints[len(live.setpoints) - steps :], round(HOUR / self._estimator.period)
         if not len(laws.column) or not self._members or np.isnan(setpoints).any() or len(setpoints) < steps:
             return live, None
         rows = np.repeat(issue.foreseen, max(1, hourly), axis=0)[:steps]
@@ -396,7 +394,7 @@ class LiveForecasts:
             widths[width],
             horizon,
             distribution(stretched(mixture, present), 0, value),
-            min(self._hours / (self.leads[horizon] * self._estimator.period / _HOUR), 1.0),
+            min(self._hours / (self.leads[horizon] * self._estimator.period / HOUR), 1.0),
             level=LEVEL,
             feedback=_FEEDBACK,
             first=_FIRST,
@@ -714,13 +712,12 @@ def _joined(each: Sequence[Heat], shares: Array) -> Heat:
 
 def _hourly(rows: Array, period: float) -> Array:
     """(hours, n_d): means of `rows` (h, n_d) that are `period` s apart."""
-    begins = np.arange(0, len(rows), max(1, round(_HOUR / period)))
+    begins = np.arange(0, len(rows), max(1, round(HOUR / period)))
     counts = np.diff(np.append(begins, len(rows)))
     return np.asarray(np.add.reduceat(rows, begins, axis=0) / counts[:, None])
 
 
 _PLAIN = tuple(name for name in Issue._fields if name != "drawn")
-
 
 _LEFT_OUT = ("network", "member", "share", "point", "mean", "covariance", "point_is_fan")
 

@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array, Indices
+from estimator.arrays import DAY, Array, Indices
 
-_DAY = 86400
-FORTNIGHT = 14 * _DAY
+FORTNIGHT = 14 * DAY
 SLOT = 600
 """Slots are this long, in s, or as long as a period."""
 
@@ -44,10 +43,10 @@ def remembered(
     if not len(memory.times):
         if np.isnan(setpoint):
             return memory
-        slots, width = 14 * (_DAY // max(period, SLOT)), len(inputs)
+        slots, width = 14 * (DAY // max(period, SLOT)), len(inputs)
         memory = Memory(*(np.full(slots, np.nan) for _ in range(3)), *(np.full((slots, width), np.nan) for _ in "ib"))
     place, length = int(places(memory, np.array([time]))[0]), slot(memory)
-    if time % _DAY % length >= period and time - memory.times[place] < length:
+    if time % DAY % length >= period and time - memory.times[place] < length:
         return memory
     after = Memory(*(values.copy() for values in memory))
     after.times[place], after.setpoints[place], after.temperatures[place] = time, setpoint, temperature
@@ -63,8 +62,8 @@ def slot(memory: Memory) -> int:
 def places(memory: Memory, times: Array) -> Indices:
     """(h,): the slots that hold, or will hold, the `times` (h,) [UTC s]."""
     daily = len(memory.times) // 14
-    within = np.minimum(times % _DAY // slot(memory), daily - 1)
-    return np.asarray(times % FORTNIGHT // _DAY * daily + within, dtype=np.int64)
+    within = np.minimum(times % DAY // slot(memory), daily - 1)
+    return np.asarray(times % FORTNIGHT // DAY * daily + within, dtype=np.int64)
 
 
 def at(memory: Memory, values: Array, times: Array) -> Array:
@@ -83,7 +82,7 @@ def setpoints(memory: Memory, times: Array) -> Array:
 
 def reaches_back(memory: Memory, time: float) -> bool:
     """Whether something is remembered of a day before `time` [UTC s]."""
-    return bool((memory.times <= time - _DAY).any())
+    return bool((memory.times <= time - DAY).any())
 
 
 def in_order(memory: Memory, until: float) -> Memory:

@@ -5,12 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array, together
+from estimator.arrays import DAY, Array, together
 from estimator.network.network import Network
 from estimator.thermostat.law import Laws, identified, no_laws
 from estimator.thermostat.memory import Memory, in_order, no_memory, remembered
 
-_DAY = 86400
 _MEMORY, _LAWS, _SETPOINT, _INPUTS = "memory.", "laws.", "setpoint", "inputs"
 
 
@@ -47,8 +46,8 @@ def with_sample(
     The laws are fitted anew once a day; `seed` spreads the zones of a site over it. That depends on the samples alone.
     """
     memory = remembered(thermostat.memory, time, period, setpoint, temperature, inputs, thermostat.inputs)
-    newest, laws, phase = thermostat.setpoint if np.isnan(setpoint) else setpoint, thermostat.laws, seed % _DAY
-    if len(memory.times) and (time + phase) // _DAY != (time + period + phase) // _DAY:
+    newest, laws, phase = thermostat.setpoint if np.isnan(setpoint) else setpoint, thermostat.laws, seed % DAY
+    if len(memory.times) and (time + phase) // DAY != (time + period + phase) // DAY:
         laws = identified(network, in_order(memory, time))
     return Thermostat(memory, laws, newest, inputs)
 

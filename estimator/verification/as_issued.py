@@ -10,14 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array, Indices, together, under
+from estimator.arrays import DAY, Array, Indices, together, under
 from estimator.types import Mixture
 from estimator.verification.hindsight import HORIZONS
 from estimator.verification.scores import COMPONENTS, crps, reduced
 from estimator.verification.skill import IssuedScores, SkillBook, empty_book, noted, scores
 from estimator.verification.verification import LEVEL
 
-_DAY = 86400.0
 _TAILS = np.array([0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
 _BOOK = "book."
 
@@ -57,7 +56,7 @@ class AsIssued:
         leads = [round(horizon / period) for horizon in HORIZONS]
         # One step ahead the inputs are known, and the published forecast is scored as it is.
         self._leads = [lead for lead in leads if lead > 1]
-        self._a_day = round(_DAY / period)
+        self._a_day = round(DAY / period)
         self.leads = tuple(round(lead * period) for lead in self._leads)
         """Of the horizons, from the last sample known to the one forecast [s]."""
 

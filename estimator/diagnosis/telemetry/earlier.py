@@ -3,12 +3,11 @@
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+from estimator.arrays import HOUR
 from estimator.diagnosis.telemetry.lies import SETTLED, Suspicion
 from estimator.thermostat.live import Live
 
-_HOUR = 3600.0
-
-_EVERY = 48 * _HOUR
+_EVERY = 48 * HOUR
 """s between two that are kept. Two are, so that one of them is older than what a lie takes to be found."""
 
 
@@ -39,7 +38,7 @@ def doubtful_since(before: Iterable[Suspicion], now: Iterable[Suspicion], time: 
     It is not while something is suspected, and once more when that ends: what was suspected `before`. After SETTLED it
     is the truth of now.
     """
-    young = (one.since for one in (*before, *now) if time - one.since < SETTLED * _HOUR)
+    young = (one.since for one in (*before, *now) if time - one.since < SETTLED * HOUR)
     return min(young, default=None)
 
 

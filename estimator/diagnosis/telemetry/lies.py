@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
-from estimator.arrays import Array
+from estimator.arrays import HOUR, Array
 from estimator.diagnosis.finding import (
     CHANNELS_SWAPPED,
     METER_DEAD,
@@ -34,8 +34,7 @@ from estimator.thermostat.memory import Memory, setpoints
 EVERY = 3600
 """s between two looks at the telemetry."""
 
-_HOUR = 3600
-_RECENT = 48 * _HOUR
+_RECENT = 48 * HOUR
 """s that do not belong to the reference: what is found later than that was taken for true meanwhile."""
 
 _LEAST = 6.0
@@ -130,7 +129,7 @@ def looked(
     network: Network, recent: Recent, before: tuple[Suspicion, ...], time: float, memory: Memory
 ) -> tuple[Suspicion, ...]:
     """What is suspected at `time` [UTC s], when these stood `before` and `memory` is what the thermostat was told."""
-    rows, step = until(recent, time), slot(recent) / _HOUR
+    rows, step = until(recent, time), slot(recent) / HOUR
     onset = min([time - _RECENT, *(one.since for one in before)])
     split = len(rows) - min(len(rows), round((time - onset) / slot(recent)))
     if np.isfinite(rows[:split, 0]).sum() * step < _LEAST * 24.0:
@@ -144,7 +143,7 @@ def looked(
         found = {key: hours for key, hours in found.items() if key[0] == CHANNELS_SWAPPED}
     since = {(one.name, one.column): one.since for one in before}
     return tuple(
-        Suspicion(name, column, since.get((name, column), time - hours * _HOUR))
+        Suspicion(name, column, since.get((name, column), time - hours * HOUR))
         for (name, column), hours in found.items()
     )
 

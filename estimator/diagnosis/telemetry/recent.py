@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import DAY, Array
 
-_DAY = 86400
 DAYS = 14
 _SLOT = 600
 """Slots are this long, in s, or as long as a period."""
@@ -29,7 +28,7 @@ class Recent(NamedTuple):
 
 def nothing_recent(width: int, period: int) -> Recent:
     """Nothing was measured of `width` inputs that are sampled every `period` s."""
-    slots = DAYS * (_DAY // max(period, _SLOT))
+    slots = DAYS * (DAY // max(period, _SLOT))
     return Recent(np.full(slots, np.nan), np.zeros(width + 1), np.full((slots, width + 1), np.nan))
 
 
@@ -55,7 +54,7 @@ def with_measured(recent: Recent, time: int, output: float, inputs: Array) -> Re
 
 def slot(recent: Recent) -> int:
     """Length of a slot [s]."""
-    return DAYS * _DAY // len(recent.times)
+    return DAYS * DAY // len(recent.times)
 
 
 def begins(recent: Recent, time: float) -> Array:
