@@ -353,14 +353,17 @@ def _misread(look: Look) -> Found:
             if (hours := _evident(look, ratios, _SURE[name])) is not None:
                 yield name, column, hours
         quiet = np.abs(told) <= _HEATED * highest
+        # A room that is warmer than it was ever heated to needs no heat.
+        room = found.rows[:, 0]
+        idle = room > _highest(room[: found.known][~quiet[: found.known]])
         powers = np.nanquantile(told[: found.known], _SPREAD)
         moved = found.log_likelihood(found.errors[:, None] - found.effect(column) * powers)
-        ratios = np.where(unseen, 0.0, np.log(np.exp(moved).mean(axis=1)) - as_told)
+        ratios = np.where(unseen | idle, 0.0, np.log(np.exp(moved).mean(axis=1)) - as_told)
         ratios = np.where(quiet, ratios, -_NEVER)
         hours = _evident(look, ratios, _SURE[METER_DEAD])
         silent, warming = float(_quiet(look, column)[-1]), look.slots(_WARMING)
         if hours is None and silent > _WARMING:
-            warmer = _means(found.errors, warming)
+            warmer = _means(np.where(idle, np.nan, found.errors), warming)
             within = warmer[-max(1, look.slots(silent) - warming) :]
             usually = max(_highest(warmer[: found.known]), _EXPLAINED * look.step)
             hours = silent if _highest(within) > _ABOVE * usually else None
