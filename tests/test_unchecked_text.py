@@ -27,6 +27,7 @@ PARTS_OF_STATEMENTS = {
     "otherwise": "such a module's words for rows that are there already",
     "statements": "the schema, which the module itself writes",
     "places": "question marks",
+    "aggregate": "one of two words that the function itself writes",
     "link": "a column of one table that the others do not have",
     "field": "of a question to InfluxDB, from the operator's own configuration: one that cannot end it or write",
     "source": "likewise",

@@ -154,8 +154,8 @@ class InfluxDB(Database):
         where = f"time >= {first:d}ms AND time < {last:d}ms"
         if condition:
             where = f"({condition}) AND {where}"
-        value = "first" if counter else "mean"
-        asked = f"SELECT {value}({field}) FROM {source} WHERE {where} GROUP BY time({every:d}ms) fill(none)"
+        aggregate = "first" if counter else "mean"
+        asked = f"SELECT {aggregate}({field}) FROM {source} WHERE {where} GROUP BY time({every:d}ms) fill(none)"
         answer = await server.ask("/query", {"db": self.table.database, "epoch": "ms", "q": asked})
         try:
             (result,) = answer["results"]
