@@ -49,7 +49,7 @@ _EXPLAINED = 0.15
 _WARMING, _SOME = 6.0, 0.6
 """h over which warming that nothing explains is looked at, and the share of the largest that the reference has seen."""
 
-_SUDDEN = 0.55
+_SUDDEN = 0.6
 """Share of a jump that comes in one slot."""
 
 _HEATED, _LEAST_HEATED = 0.02, 6.0
