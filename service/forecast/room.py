@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from math import ceil
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -109,7 +109,7 @@ class RoomQuestion(NamedTuple):
         elsewhere = _Elsewhere.of(worker, self.past)
         hours = _local_hours(self.past.times + self.past.step / 2.0, self.zone)
         sun, people = (_by_hour(heat[:, 1], hours) for heat in elsewhere)
-        comfort = _Comfort.of(self.past)
+        comfort = Comfort.of(self.past)
         diagnosis, trust = worker.diagnosis(), worker.trust
         metered, shares = _metered(worker.network, self.past, standing), Shares.of(worker)
         doubt = _doubt(diagnosis, loss, metered)
@@ -135,7 +135,7 @@ class RoomQuestion(NamedTuple):
         )
 
 
-class _Comfort(NamedTuple):
+class Comfort(NamedTuple):
     """Where it was too cold and too warm (K,), of the intervals that were measured."""
 
     cold: Mask
@@ -146,7 +146,7 @@ class _Comfort(NamedTuple):
     against_setpoint: bool
 
     @classmethod
-    def of(cls, past: Past) -> _Comfort:
+    def of(cls, past: Past) -> Comfort:
         setpoint = bool(np.isfinite(past.setpoint).any())
         lower, upper = (np.full(len(past.times), limit) for limit in BAND)
         if setpoint:
@@ -159,12 +159,15 @@ class _Comfort(NamedTuple):
     def share(self, where: Mask) -> float:
         return float(where.sum() / max(1, self.measured.sum()))
 
+    @property
+    def often(self) -> Literal["", "cold", "warm"]:
+        """What it often was, too "cold" or too "warm"; empty where it was comfortable."""
+        cold, warm = self.share(self.cold), self.share(self.warm)
+        return "" if max(cold, warm) <= RARE else "cold" if cold >= warm else "warm"
+
     def answer(self) -> RoomAnswer:
         cold, warm, all_hours = (float(part.sum()) * self.hours for part in (self.cold, self.warm, self.measured))
-        if max(self.share(self.cold), self.share(self.warm)) <= RARE:
-            verdict = "Comfortable"
-        else:
-            verdict = "Often too cold" if cold >= warm else "Often too warm"
+        verdict = f"Often too {self.often}" if self.often else "Comfortable"
         measure = (
             f"too cold is more than {COLD:g} K below the set-point, too warm more than {WARM:g} K above the highest of "
             "a day"
@@ -399,7 +402,7 @@ _FROM_FINDINGS = dict.fromkeys(kinds.TELEMETRY, -1) | {
 
 def _told(
     network: Network,
-    comfort: _Comfort,
+    comfort: Comfort,
     past: Past,
     diagnosis: Diagnosis,
     trust: Trust,
@@ -407,13 +410,18 @@ def _told(
     warming: float,
 ) -> Iterator[ToDo]:
     """What to do; `warming` [h] is how long the room usually takes to be warm after a setback, 0 if unknown."""
-    for one in _grouped(diagnosis.findings):
-        problem, _, remedy = one.sentence.partition("; ")
-        yield ToDo(remedy, problem, float(_FROM_FINDINGS[one.finding]))
+    yield from for_the_model(diagnosis, trust)
     if comfort.share(comfort.cold) > RARE:
         yield ToDo(*_against_cold(network, comfort, past, standing, warming), 3.0)
     if comfort.share(comfort.warm) > RARE:
         yield ToDo(*_against_warmth(network, comfort, past, standing), 3.5)
+
+
+def for_the_model(diagnosis: Diagnosis, trust: Trust) -> Iterator[ToDo]:
+    """What to do about telemetry, heating and model; with what an uncomfortable room needs it is all of `to_do`."""
+    for one in _grouped(diagnosis.findings):
+        problem, _, remedy = one.sentence.partition("; ")
+        yield ToDo(remedy, problem, float(_FROM_FINDINGS[one.finding]))
     told = {one.sentence for one in diagnosis.findings}
     untrusted = [one.reason for one in trust.horizons if one.level == UNTRUSTED]
     if untrusted:
@@ -426,7 +434,7 @@ def _told(
 
 
 def _against_cold(
-    network: Network, comfort: _Comfort, past: Past, standing: Standing, warming: float
+    network: Network, comfort: Comfort, past: Past, standing: Standing, warming: float
 ) -> tuple[str, str]:
     reason = f"it was too cold for {float(comfort.cold.sum()) * comfort.hours:.0f} h"
     if comfort.share(comfort.cold & ~_after_a_rise(past)) <= RARE / 2.0:
@@ -439,7 +447,7 @@ def _against_cold(
     return "heat more, or give the zone its set-point", reason
 
 
-def _against_warmth(network: Network, comfort: _Comfort, past: Past, standing: Standing) -> tuple[str, str]:
+def _against_warmth(network: Network, comfort: Comfort, past: Past, standing: Standing) -> tuple[str, str]:
     hours = float(comfort.warm.sum()) * comfort.hours
     if _heated(network, past, standing, comfort.warm) > _LITTLE:
         return (

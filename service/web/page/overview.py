@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import AsyncIterator, Iterator, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from fastapi import APIRouter, Response
@@ -14,7 +14,7 @@ from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 from adapters.reading import Quality
 from service.errors import ServiceError
 from service.forecast.heating import COLD
-from service.forecast.room import WARM
+from service.forecast.room import WARM, Comfort, Past, for_the_model
 from service.publish.events import RECONNECT_MS, Event
 from service.publish.payloads import AHEAD_STEP, AheadPayload, periods
 from service.records.record import document
@@ -30,13 +30,11 @@ from service.web.page.payloads import (
     OverviewRow,
     SparkPayload,
 )
+from service.web.page.room import DAYS, POINTS
 from service.web.site import Here, Site
 
 LEADS = (3600, 6 * 3600)
 """How far ahead the overview looks, s."""
-
-SPARK_POINTS = 48
-"""Points of a sparkline, AHEAD_STEP s each: one day."""
 
 PAUSE = 1.0
 """s between two events of one client: what changes meanwhile goes into one."""
@@ -54,7 +52,7 @@ _log = logging.getLogger(__name__)
 
 
 class Spark(NamedTuple):
-    """The last day up to the sample at `sample_time`, UTC s."""
+    """The last day up to the sample at `sample_time`, UTC s, and what the room often was in the last DAYS."""
 
     sample_time: int
     line: SparkPayload
@@ -62,19 +60,25 @@ class Spark(NamedTuple):
     """h, against the set-point."""
     too_warm: float
     """h, against the highest set-point of the day: in a setback a room may cool down."""
+    often: Literal["", "cold", "warm"]
+    """As in the answers about the room."""
 
     @classmethod
     def of(cls, sample_time: int, series: Series) -> Spark:
-        """A line with a place for every step, measured or not."""
-        by_time: dict[int, float] = dict(zip(series.times.tolist(), series.means["y"].tolist(), strict=True))
+        """From the `series` of DAYS; a line with a place for every step, measured or not."""
+        begin = sample_time - sample_time % series.bucket - (POINTS - 1) * series.bucket
+        times, measured, setpoint = (
+            each[series.times >= begin] for each in (series.times, series.means["y"], series.means["setpoint"])
+        )
+        by_time: dict[int, float] = dict(zip(times.tolist(), measured.tolist(), strict=True))
         first = min(by_time, default=sample_time)
         # As a line of 24 pixels needs it: a thousand zones have 48,000 of these.
         values = (round(by_time.get(when, math.nan), 2) for when in range(first, sample_time + 1, series.bucket))
-        measured, setpoint = series.means["y"], series.means["setpoint"]
         cold = measured < setpoint - COLD
         warm = (measured > np.fmax.reduce(setpoint, initial=np.nan) + WARM) & np.isfinite(setpoint)
-        hours = [float(when.sum()) * series.bucket / 3600.0 for when in (cold, warm)]
-        return cls(sample_time, SparkPayload(first, series.bucket, tuple(values)), *hours)
+        too_cold, too_warm = (float(when.sum()) * series.bucket / 3600.0 for when in (cold, warm))
+        line = SparkPayload(first, series.bucket, tuple(values))
+        return cls(sample_time, line, too_cold, too_warm, Comfort.of(Past.of(series)).often)
 
 
 def overview_routes(site: Site) -> APIRouter:
@@ -137,7 +141,7 @@ def overview_routes(site: Site) -> APIRouter:
             return known
         end = last - last % step + step
         try:
-            sparks[zone.id] = Spark.of(last, await zone.series(end - SPARK_POINTS * step, end, SPARK_POINTS + 1))
+            sparks[zone.id] = Spark.of(last, await zone.series(end - DAYS * POINTS * step, end, DAYS * POINTS + 1))
         except ServiceError as error:
             _log.debug("zone '%s' has no sparkline now: %s", zone.id, error)
         return sparks.get(zone.id)
@@ -149,6 +153,7 @@ def overview_row(zone: ZoneView, ahead: AheadPayload | None, day: Spark | None, 
     """`zone` at a glance, with as much of the hours ahead and of its last `day` as is known; without the line of that
     unless it is to be `drawn`."""
     status, update, trusted = zone.now()
+    often: Literal["", "cold", "warm"] = "" if day is None else day.often
     trust = trusted.at(_seconds(LEADS[-1], zone.period))
     expected: tuple[ExpectedPayload, ...] = ()
     if ahead is not None and update is not None and status.state not in _SILENT and ahead.quality is not Quality.BAD:
@@ -166,9 +171,12 @@ def overview_row(zone: ZoneView, ahead: AheadPayload | None, day: Spark | None, 
         expected_from=update.forecast.valid_time if update is not None and expected else None,
         trust=None if trust is None else trust.level,
         trust_reason="" if trust is None else trust.reason or trusted.beaten,
+        good_up_to_s=float(trusted.good_up_to),
         findings=tuple(FindingName(one.finding, one.subject) for one in status.diagnosis.findings),
         too_cold_h=math.nan if day is None else day.too_cold,
         too_warm_h=math.nan if day is None else day.too_warm,
+        often=often,
+        to_do=bool(often) or any(for_the_model(status.diagnosis, trusted)),
         spark=day.line if day is not None and drawn else None,
     )
 

@@ -55,9 +55,14 @@ class OverviewRow:
         "before the first sample"
     )
     trust_reason: str = shown("one sentence, also where simpler forecasts are better; empty while nothing is wrong")
+    good_up_to_s: float = shown("as in the trust of the zone")
     findings: tuple[FindingName, ...]
     too_cold_h: Number = shown("h of the last day for which it was too cold for its set-point; null until it was read")
     too_warm_h: Number = shown("the same for which it was too warm for the highest set-point of the day")
+    often: Literal["", "cold", "warm"] = shown(
+        "what it was, too cold or too warm, for more than 5 % of the last 7 days, as in the answers about the room"
+    )
+    to_do: bool = shown("whether the room's `to_do` is not empty; before the days were read, without what they tell")
     spark: SparkPayload | None = shown("null until it has been read, and in events that bring nothing new of it")
 
 

@@ -10,10 +10,12 @@ from service.forecast.room import Past, RoomQuestion
 from service.web.answering import asked, route
 from service.web.site import Asked, Here
 
-_DAY = 86400
-_POINTS = 48
+DAYS = 7
+"""Days that are looked at, unless others are asked for."""
+POINTS = 48
 """Intervals of a day that are looked at."""
 
+_DAY = 86400
 
 router = APIRouter(tags=["zones"])
 
@@ -22,11 +24,11 @@ router = APIRouter(tags=["zones"])
 async def room(
     site: Here,
     view: Asked,
-    days: Annotated[int, Query(ge=1, le=28, description="days up to the newest sample that are looked at")] = 7,
+    days: Annotated[int, Query(ge=1, le=28, description="days up to the newest sample that are looked at")] = DAYS,
 ) -> Room:
     """How the room does, what it is like, and what to do, in sentences"""
     last = view.now().status.last_sample_time
     end = 0 if last is None else math.ceil(last + view.period)
-    series = await view.series(end - days * _DAY, end, days * _POINTS + 1)
+    series = await view.series(end - days * _DAY, end, days * POINTS + 1)
     question = RoomQuestion(Past.of(series), view.surroundings.floor_area, site.backend.time_zone)
     return await asked(view, question)

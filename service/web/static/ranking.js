@@ -26,25 +26,16 @@ export function coldBy({ temperature, setpoint }) {
   return by > COLD ? by : 0;
 }
 
-// h of the last day from which a room was too cold or too warm for too long: 5 %, as in the answers about a room.
-const LONG = 1.2;
-
-// For how many h of the last day a room was too cold and too warm; null where that was not for long.
-export function uncomfortable({ too_cold_h: cold, too_warm_h: warm }) {
-  return Math.max(cold, warm) > LONG ? { cold, warm } : null;
-}
-
 // The larger, the more a zone needs somebody.
 export function severity(row) {
   const findings = FINDING_WEIGHT * pressing(row).length;
-  const { cold = 0, warm = 0 } = uncomfortable(row) ?? {};
-  return (STATE_WEIGHT[row.state] ?? 0) + (TRUST_WEIGHT[row.trust] ?? 0) + (row.reason && row.state === "running" ? 50 : 0) + Math.min(80, findings) + (row.disturbed ? 10 : 0) + Math.min(12, 6 * coldBy(row)) + Math.min(8, cold + warm) + (outdone(row) ? 0.1 : 0);
+  const uncomfortable = row.often ? Math.min(8, 1 + row.too_cold_h + row.too_warm_h) : 0;
+  return (STATE_WEIGHT[row.state] ?? 0) + (TRUST_WEIGHT[row.trust] ?? 0) + (row.reason && row.state === "running" ? 50 : 0) + Math.min(80, findings) + (row.disturbed ? 10 : 0) + Math.min(12, 6 * coldBy(row)) + uncomfortable + (outdone(row) ? 0.1 : 0);
 }
 
-// Whether somebody should look: everything but a room that runs, was comfortable, is trusted, is not outdone by a simpler forecast, and of which nothing is
-// found that somebody should do something about.
+// Whether somebody should look: the room does not run as it should, or its own page names something to do.
 export function needsAttention(row) {
-  return row.state !== "running" || Boolean(row.reason) || pressing(row).length > 0 || uncomfortable(row) !== null || outdone(row) || row.trust === "doubtful" || row.trust === "untrusted";
+  return row.state !== "running" || Boolean(row.reason) || row.to_do;
 }
 
 const collator = new Intl.Collator(undefined, { numeric: true });

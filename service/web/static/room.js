@@ -14,7 +14,7 @@ const WORTH = 20;
 
 // The card of zone `id`; `failed(error)` is told what went wrong, and null once it works again.
 export function roomCard(id, failed) {
-  const answers = element("div", {}, element("p", { className: "muted", textContent: t("learned.none") }));
+  const answers = element("div", {}, element("p", { className: "muted", textContent: t("loading") }));
   const heating = preheatForm(id);
   const node = element("section", { className: "card answers" }, element("h2", { textContent: t("room.title") }), answers, heating.node);
   const ask = paced(async () => {

@@ -2,7 +2,7 @@
 
 import { element } from "./dom.js";
 import { said } from "./said.js";
-import { coldBy, outdone, pressing, uncomfortable } from "./ranking.js";
+import { coldBy, outdone, pressing } from "./ranking.js";
 import { celsius, duration, has, number, sentence, share, t } from "./text.js";
 
 export function stateText(state) {
@@ -46,7 +46,7 @@ function parameterName(name) {
 }
 
 // The first thing to know of a zone in the table, and the language that it is in: why it does not run, else what is wrong with
-// its telemetry, heating or model, else why it is not trusted, else what happens in it, else how its last day was.
+// its telemetry, heating or model, else why it is not trusted, else what happens in it, else how its last days were.
 export function rowTold(row) {
   if (row.state !== "running" || row.reason) return row.reason ? said(row.reason) : { text: stateText(row.state), lang: "" };
   const [first, ...others] = pressing(row);
@@ -54,8 +54,7 @@ export function rowTold(row) {
   if (row.trust_reason && row.trust !== "learning" && !outdone(row)) return said(row.trust_reason);
   if (row.disturbed) return { text: t("finding.disturbed"), lang: "" };
   if (coldBy(row)) return { text: t("finding.cold", { by: number(coldBy(row), 1) }), lang: "" };
-  const long = uncomfortable(row);
-  if (long) return { text: t(long.cold >= long.warm ? "finding.too_cold" : "finding.too_warm", { hours: number(Math.max(long.cold, long.warm), 1) }), lang: "" };
+  if (row.often) return { text: t(`finding.too_${row.often}`), lang: "" };
   // At which horizon is told with the trust.
   return { text: t(outdone(row) ? "finding.outdone" : "finding.none"), lang: "" };
 }

@@ -134,6 +134,21 @@ def test_the_last_day_tells_how_long_it_was_uncomfortable_and_a_setback_is_not_t
     assert (row.too_warm_h, row.spark) == (24.0, None), "what the client has is not sent again"
 
 
+@pytest.mark.parametrize(("cold", "often"), [(1.5, ""), (12.0, "cold")])
+def test_attention_is_needed_where_the_room_itself_names_something_to_do(cold: float, often: str) -> None:
+    zone = running("living", 7 * 288)
+    later = zone.updates[-round(12 * cold)].time
+    zone.updates = [one._replace(setpoint=one.y[0] + (one.time >= later)) for one in zone.updates]
+    last = zone.updates[-1].time
+    week = overview.Spark.of(last, series_of(zone, zone.updates[0].time, last + 300, 7 * 48 + 1))
+    row = overview.overview_row(zone, None, week)
+    assert (row.too_cold_h, row.often, row.to_do) == (pytest.approx(cold, abs=0.5), often, bool(often))
+    assert row.spark is not None
+    assert len(row.spark.values) == 48
+    zone.trusted = Trust(START, beaten="1h ahead, no change is the better forecast; rely on the model 6h ahead")
+    assert overview.overview_row(zone, None, None).to_do
+
+
 async def test_a_stream_ends_with_the_daemon(zones: dict[str, FakeZone], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(overview, "PAUSE", 1e6)
     streams = Streams()
