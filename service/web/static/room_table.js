@@ -184,11 +184,12 @@ function roomRow(id) {
       });
       set(pill, { textContent: stateText(row.state), className: `pill ${row.state}` });
       const trust = outdone(row) ? "partly" : row.trust;
+      const { text, lang } = rowTold(row);
       const why = row.trust_reason ? said(row.trust_reason) : { text: "", lang: "" };
       set(cells.trust, { title: why.text, className: `cell-trust trust-${trust ?? "unknown"}` });
       const horizon = outdone(row) && row.good_up_to_s ? t("trust.up_to", { lead: duration(row.good_up_to_s) }) : trustText(trust);
-      cells.trust.replaceChildren(horizon, ...(why.text ? [element("span", { className: "hidden-text", lang: why.lang, textContent: `: ${why.text}` })] : []));
-      const { text, lang } = rowTold(row);
+      // Read out once, where it is not the finding as well.
+      cells.trust.replaceChildren(horizon, ...(why.text && why.text !== text ? [element("span", { className: "hidden-text", lang: why.lang, textContent: `: ${why.text}` })] : []));
       set(cells.finding, { textContent: text, title: text, lang });
       spark.draw(row.spark, row.spark ? sparkText(row.spark) : t("overview.no_spark"));
     },
