@@ -134,6 +134,7 @@ def test_what_happens_now_is_told_and_so_is_what_has_passed(serve: Any, visit: A
 
 def test_trust_is_told_with_its_reason(serve: Any, visit: Any) -> None:
     zone = running("living", 300)
+    zone.updates = [update._replace(setpoint=update.y[0]) for update in zone.updates]
     narrow = "the intervals 6 h ahead held 71 % of what came"
     horizons = (HorizonTrust(3600, "trusted", "", START), HorizonTrust(21600, "doubtful", narrow, START))
     zone.trusted = Trust(START, horizons)
