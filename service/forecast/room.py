@@ -429,8 +429,8 @@ def for_the_model(diagnosis: Diagnosis, trust: Trust) -> Iterator[ToDo]:
         if untrusted[0] not in told:
             yield ToDo("do not let a controller rely on the forecasts yet", untrusted[0], 4.5)
     elif trust.beaten:
-        *reasons, remedy = trust.beaten.split("; ")
-        yield ToDo(remedy, reasons[0], 4.5)
+        parts = trust.beaten.split("; ")
+        yield ToDo(parts[-1], parts[0], 4.5)
 
 
 def _against_cold(
