@@ -352,10 +352,10 @@ def _misread(look: Look) -> Found:
             ratios = np.where(unseen, 0.0, found.log_likelihood(found.errors_if(column, values)) - as_told)
             if (hours := _evident(look, ratios, _SURE[name])) is not None:
                 yield name, column, hours
-        quiet = np.abs(told) <= _HEATED * highest
+        quiet, heated = np.abs(told) <= _HEATED * highest, told > _HEATED * highest
         # A room that is warmer than it was ever heated to needs no heat.
         room = found.rows[:, 0]
-        idle = room > _highest(room[: found.known][~quiet[: found.known]])
+        idle = room > _highest(room[: found.known][heated[: found.known]])
         powers = np.nanquantile(told[: found.known], _SPREAD)
         moved = found.log_likelihood(found.errors[:, None] - found.effect(column) * powers)
         ratios = np.where(unseen | idle, 0.0, np.log(np.exp(moved).mean(axis=1)) - as_told)
