@@ -215,7 +215,7 @@ class Weather(NamedTuple):
 def weather(network: Network, sds: Array, period: float, steps: int, time: int) -> Weather:
     """The futures of the inputs of `network` that stray by `sds` (n_u,) over `steps` of `period` s from `time` [UTC s]
     on."""
-    hours, daily = -(-round(steps * period) // round(HOUR)), _daily(network)
+    hours, daily = -(-round(steps * period) // HOUR), _daily(network)
     draws = Draws(0, int(time // HOUR), forecast=True)
     normals = draws.normals(Purpose.FORESEEN, (len(daily) * hours, FUTURES)).reshape(len(daily), hours, FUTURES)
     normals = normals - normals.mean(axis=2, keepdims=True)

@@ -47,10 +47,9 @@ start anew (a sensor was moved, a room was re-fitted); parameters and volatility
 ISSUED_DRAWS = 200
 """Draws that a forecast is made of which is verified as it was issued: a sample of those of the published one."""
 
-_SELDOM, _LAST_WEEKS = 7, 35 * 86400
+_SELDOM, _LAST_WEEKS = 7, 35 * DAY
 """h between live forecasts in a long history, no divisor of a day, so that they are made at every hour of it; and s at
 its end in which they are made every hour, for their record reaches back 30 days."""
-
 
 UNUSABLE_SD = 10.0
 """K: a forecast with a larger standard deviation says nothing of a room. Nonsense in the telemetry can leave a UKF with

@@ -31,7 +31,7 @@ class DirectOptions:
     verified_memory_days: float = number(20.0, 0.1, 1e6)
     """The same for verified forecasts, from which trust and spread follow [d]."""
     penalty_days: float = number(0.2, 1e-6, 1e6)
-    """Days of samples that speak for persistence."""
+    """Days of samples that speak for what it begins as."""
     blind: bool = flag(False)
     """Whether inputs to come are left out: for forecasts that need no plan, and where they mislead."""
 

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from replay.commands.options import check_period, take_period, take_report
-from service.cli.arguments import AddCommand, load_config, require_zones, take_config, whole
+from service.cli.arguments import AddCommand, load_config, require_zones, take_config, take_reset, whole
 
 
 def add_to(add: AddCommand) -> None:
@@ -27,14 +27,7 @@ def add_to(add: AddCommand) -> None:
     )
     take_period(parser)
     parser.add_argument("--jobs", type=whole(1, 1024), metavar="N", help="processes (default: one for each core)")
-    parser.add_argument(
-        "--reset",
-        nargs="+",
-        default=[],
-        action="extend",
-        metavar="ZONE",
-        help="let these zones begin anew; what they know already is set aside",
-    )
+    take_reset(parser)
     take_report(parser)
 
 

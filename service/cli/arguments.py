@@ -38,6 +38,12 @@ def load_config(arguments: argparse.Namespace, path: Path | None = None) -> Conf
     return load(path or arguments.config, arguments.overrides)
 
 
+def take_reset(parser: argparse.ArgumentParser) -> None:
+    """Add --reset, the zones that begin anew; `require_zones` looks whether they exist."""
+    meaning = "start these zones without their stored state, which is set aside; comes after CONFIG"
+    parser.add_argument("--reset", nargs="+", default=[], action="extend", metavar="ZONE", help=meaning)
+
+
 def require_zones(config: Config, wanted: Sequence[str], option: str) -> None:
     """Raise ConfigError if one of the zones that `option` names does not exist."""
     require(wanted, [zone.id for zone in config.zones], option, "zone")

@@ -3,20 +3,13 @@
 import argparse
 from functools import partial
 
-from service.cli.arguments import AddCommand, load_config, require_zones, take_config
+from service.cli.arguments import AddCommand, load_config, require_zones, take_config, take_reset
 
 
 def add_to(add: AddCommand) -> None:
     parser = add("run", _run, "Run the daemon until it is stopped (SIGTERM or Ctrl-C).")
     take_config(parser)
-    parser.add_argument(
-        "--reset",
-        nargs="+",
-        default=[],
-        action="extend",
-        metavar="ZONE",
-        help="start these zones without their stored state, which is set aside; comes after CONFIG",
-    )
+    take_reset(parser)
 
 
 def _run(arguments: argparse.Namespace) -> int:
