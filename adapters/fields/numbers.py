@@ -19,10 +19,15 @@ def whole_in(value: object, lower: float = -math.inf, upper: float = math.inf) -
     return value
 
 
+def float_in(text: str) -> float:
+    """The number that `text` is, with the digits of ASCII and no separators, as others read it; else ValueError."""
+    return float(text if text.isascii() and "_" not in text else "")
+
+
 def read_number(text: str) -> float | None:
     """The finite number that `text` is; None if it is none."""
     try:
-        return number_in(float(text))
+        return number_in(float_in(text))
     except ValueError:
         return None
 
@@ -30,7 +35,7 @@ def read_number(text: str) -> float | None:
 def read_whole(text: str) -> int | None:
     """The whole number without a sign that `text` is; None if it is none."""
     try:
-        return int(text) if text.isdecimal() else None
+        return int(text) if text.isascii() and text.isdecimal() else None
     except ValueError:
         # Python reads no number of thousands of digits.
         return None

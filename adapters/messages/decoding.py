@@ -7,6 +7,7 @@ from math import isfinite
 from typing import Any, NamedTuple
 from zoneinfo import ZoneInfo
 
+from adapters.fields.numbers import float_in
 from adapters.fields.words import printable
 from adapters.messages.config import MessageChannelConfig, quality_word
 from adapters.payload import senml
@@ -130,8 +131,7 @@ def _number(value: object) -> float:
             return _WORDS[word]
         if word not in _NOTHING:
             try:
-                # Python would take digit separators; nobody else does.
-                return float("" if "_" in word else word)
+                return float_in(word)
             except ValueError:
                 raise _Refusal(Fault.NON_NUMERIC, f"{printable(value, _SHOWN)!r} is not a number") from None
         value = None

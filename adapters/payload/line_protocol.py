@@ -18,11 +18,11 @@ _KEY = r"(?:\\[^\n]|[^\\,= \n])++"
 _TAG = re.compile(rf",({_KEY})=({_KEY})")
 _HEAD = re.compile(rf"({_NAME})((?:,{_KEY}={_KEY})*+) ++")
 _FIELD = re.compile(rf'({_KEY})=("(?:\\.|[^"\\])*+"|[^, \r\n]++)', re.DOTALL)
-_END = re.compile(r"(?: ++(-?\d{1,20}))?[ \r]*+(?:\n|\Z)")
+_END = re.compile(r"(?: ++(-?[0-9]{1,20}))?[ \r]*+(?:\n|\Z)")
 _BETWEEN = re.compile(r"(?:[ \t\r]*(?:#[^\n]*)?\n)*[ \t\r]*(?:#[^\n]*\Z)?")
 # No sensor needs as many digits, and reading them takes the square of the time.
-_FLOAT = re.compile(r"(?!.{401})[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_INTEGER = re.compile(r"(?!.{401})([-+]?\d+)[iu]")
+_FLOAT = re.compile(r"(?!.{401})[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
+_INTEGER = re.compile(r"(?!.{401})([-+]?\d+)[iu]", re.ASCII)
 _BOOLEANS = {word: word[0] in "tT" for word in ("t", "T", "true", "True", "TRUE", "f", "F", "false", "False", "FALSE")}
 _ESCAPED = re.compile(r"\\([,= ])")
 _ESCAPED_IN_STRING = re.compile(r'\\(["\\])')

@@ -68,6 +68,9 @@ FIELD = "a field is key=value with a number, true, false or a text in quotes"
         ("a b=1,", f"line 1: {FIELD}, not the end of the line"),
         ("a b=1 soon", "line 1: a comma and a field follow, or a blank and the time, a whole number, not ' soon'"),
         ("a b=1 1.5", "line 1: a comma and a field follow, or a blank and the time, a whole number, not ' 1.5'"),
+        ("a b=\uff11", f"line 1: {FIELD}, not 'b=\\uff11'"),
+        ("a b=\uff11i", f"line 1: {FIELD}, not 'b=\\uff11i'"),
+        ("a b=1 \uff11", "line 1: a comma and a field follow, or a blank and the time, a whole number, not ' \\uff11'"),
         (f"a b={'9' * 500}", f"line 1: {FIELD}, not 'b={'9' * 38}'"),
     ],
 )

@@ -50,7 +50,7 @@ def test_a_plain_number():
     assert isnan(one(b"nan").raw), "the edge refuses it"
 
 
-@pytest.mark.parametrize("payload", [b"warm", b"21,5", b"1_000", b"21.5 degC", b"\xff\xfe", b"[21.5]", b"0x10"])
+@pytest.mark.parametrize("payload", [b"warm", b"21,5", b"1_000", b"21.5 degC", b"\xff\xfe", b"[21.5]", b"0x10", "\uff12".encode()])
 def test_what_is_not_a_number_is_refused_in_one_sentence(payload):
     refused = one(payload)
     assert refused.fault is Fault.NON_NUMERIC
@@ -128,7 +128,7 @@ def test_times_of_payloads(value, form, expected):
 
 NO_TIMES = {
     "iso8601": ["2016-12-31T23:59:60Z", "0001-01-01", 5, ""],
-    "epoch": [True, "", "nan", 10**400],
+    "epoch": [True, "", "nan", 10**400, "1_700_000_000", "\uff11"],
     "epoch_ms": [[], None],
 }
 
