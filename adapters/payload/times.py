@@ -26,7 +26,8 @@ def parse_time(value: object, form: str, zone: ZoneInfo | None, near: float) -> 
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError("has a time that is no number")
     try:
-        seconds = (float_in(value) if isinstance(value, str) else float(value)) / (1000.0 if form == "epoch_ms" else 1.0)
+        number = float_in(value) if isinstance(value, str) else float(value)
+        seconds = number / (1000.0 if form == "epoch_ms" else 1.0)
     except (ValueError, OverflowError):
         raise ValueError(f"has the time {value!r}, which is no number; look at time_format") from None
     if not math.isfinite(seconds):

@@ -50,7 +50,9 @@ def test_a_plain_number():
     assert isnan(one(b"nan").raw), "the edge refuses it"
 
 
-@pytest.mark.parametrize("payload", [b"warm", b"21,5", b"1_000", b"21.5 degC", b"\xff\xfe", b"[21.5]", b"0x10", "\uff12".encode()])
+@pytest.mark.parametrize(
+    "payload", [b"warm", b"21,5", b"1_000", b"21 degC", b"\xff\xfe", b"[21.5]", b"0x1", "\uff12".encode()]
+)
 def test_what_is_not_a_number_is_refused_in_one_sentence(payload):
     refused = one(payload)
     assert refused.fault is Fault.NON_NUMERIC
