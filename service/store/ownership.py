@@ -1,5 +1,6 @@
 """Folders that another account can change: whom to trust, and root at work where links may lie that lead anywhere."""
 
+import codecs
 import errno
 import os
 import sqlite3
@@ -20,6 +21,8 @@ def as_owner_of(folder: Path) -> Iterator[Path]:
     if os.geteuid() != 0 or owner.st_uid == 0:
         yield folder
         return
+    # For names in a checkpoint: by then, Python's own files may be out of reach.
+    codecs.lookup("cp437")
     here = os.open(".", os.O_RDONLY | os.O_DIRECTORY)
     group, groups = os.getegid(), os.getgroups()
     try:
