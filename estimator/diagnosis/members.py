@@ -79,8 +79,8 @@ def carried(bank: Bank, state: Any) -> list[Finding]:
     findings = []
     if blind > _MOST:
         problem = (
-            f"members without a building carry {100 * blind:.0f} % of the forecast {hours:.0f} h ahead, so the "
-            "network misses something"
+            f"most of the forecast {hours:.0f} h ahead comes from models that know no building, so something acts on "
+            "the room that no channel tells"
         )
         sentence = f"{problem}; compare networks with `thermogate experiment topology`"
         if absent := _absent(bank.network):

@@ -51,10 +51,10 @@ def _in_a_sentence(trace: Trace) -> str:
 
 
 def _answers(room: Room) -> tuple[str, ...]:
-    """The answers, and what to do."""
+    """The verdict, what to do, and the other answers."""
     to_do = tuple(f"{place}. {one.what}: {one.why}." for place, one in enumerate(room.to_do, start=1))
-    done = ("What to do:", *to_do) if to_do else ("Nothing is to be done.",)
-    return (*(f"{one.sentence}." for one in room.answers), *done)
+    verdict, *others = (f"{one.sentence}." for one in room.answers)
+    return (verdict, *(("What to do:", *to_do) if to_do else ("Nothing is to be done.",)), *others)
 
 
 def _trusted(trust: Trust) -> str:

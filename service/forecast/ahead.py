@@ -106,7 +106,7 @@ class LookingAhead:
         steps = min(round(max(HORIZONS) / view.period) - 1, MAX_STEPS)
         if steps < 1:
             return
-        began = time.monotonic()
+        began, first = time.monotonic(), not self._told
         together = [view, *neighbourhood([view], self._zones)]
         request = ForecastRequest(together, steps * view.period, (LEVEL,))
         for one, fan in zip(together, await forecasts(request, request.plans[0]), strict=True):
@@ -115,7 +115,9 @@ class LookingAhead:
             elif fan is not None:
                 heating = await self._heating(one, steps)
                 await self._announce(one, AheadPayload.of(fan, one.now().status, one.surroundings.limits, heating))
-        await asyncio.sleep((time.monotonic() - began) * (1.0 / SHARE - 1.0))
+        # The first compiles, which no other does again.
+        if not first:
+            await asyncio.sleep((time.monotonic() - began) * (1.0 / SHARE - 1.0))
 
     async def _heating(self, view: ZoneView, steps: int) -> NextHeatingPayload | None:
         found = await view.ask(NextRise(steps))

@@ -23,6 +23,8 @@ _EXPLAINED = 0.6
 """Share of the error that is left once heating and weather are known, up to which these explain it."""
 _UNUSUAL = 0.5
 """Standard deviations of an input from what is usual at the hour, on the mean of a day, that are worth a word."""
+_OFTEN = 0.1
+"""Share of the time from which heat is lost too often for an open window."""
 _NOTED = 0.05
 """kWh of lost heat that are worth a sentence."""
 
@@ -63,6 +65,12 @@ def warming_up(step: float, temperature: Array, setpoint: Array, cold: float) ->
     yield RoomAnswer("warming_up", "; ".join(parts), "h", usual)
 
 
+def often_lost(gain: Array) -> bool:
+    """Whether heat that nobody measures, `gain` (K, 3) [W], is lost for certain so often that it is not windows and
+    people but something that the model does not know, such as a colder room next door."""
+    return bool((gain[:, 2] < 0.0).mean() > _OFTEN)
+
+
 def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Iterator[RoomAnswer]:
     """The heat that was lost while heat was lost for certain that nobody measures, as through an open window.
 
@@ -73,6 +81,13 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Itera
         return
     with np.errstate(invalid="ignore"):
         lost = gain[:, 2] < 0.0
+    if often_lost(gain):
+        sentence = (
+            "What an open window took away is not known, for heat that nobody measures comes and goes "
+            f"{100.0 * lost.mean():.0f} % of the time"
+        )
+        yield RoomAnswer("window", sentence, "kWh")
+        return
     # .975, .5 and .025 quantile of the gain: the least, the likely and the most that was lost.
     energy = np.where(lost[:, None], -gain[:, ::-1], 0.0) * step / _KWH
     low, likely, high = energy.sum(axis=0).tolist()
@@ -89,10 +104,11 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Itera
     inside = times[lost & (number == most)]
     local = UTC if zone is None else time_zone(zone)
     begin, end = (datetime.fromtimestamp(when, local) for when in (inside[0], inside[-1] + step))
+    until = f"{end:%H:%M}" if begin.date() == end.date() else f"{end:%Y-%m-%d %H:%M}"
     sentence = (
         f"An open window, or something else that nobody measures, took away about {_energy(likely)} kWh in "
         f"{days:.1f} days; 95 % between {_energy(low)} and {_energy(high)} kWh; "
-        f"{part} of it from {begin:%Y-%m-%d %H:%M} to {end:%H:%M}"
+        f"{part} of it from {begin:%Y-%m-%d %H:%M} to {until}"
     )
     yield RoomAnswer("window", sentence, "kWh", likely, low, high)
 
@@ -154,11 +170,11 @@ def _called(channel: str) -> str:
 def _unmeasured(times: Array, gain: Array) -> str:
     """Whether heat that nobody measures explains an error."""
     away = _against_usual(times, gain) * _DAY / _KWH
-    if abs(away) > 10.0 * _NOTED:
-        did = "brought" if away > 0.0 else "took away"
-        return (
-            f"something that nobody measures, such as people or a window, {did} {amount(abs(away))} kWh more than usual"
-        )
+    if away > 10.0 * _NOTED:
+        return f"people, or something else that nobody measures, brought {_energy(away)} kWh more than usual"
+    if away < -10.0 * _NOTED:
+        # How much a window took is told by itself: here it would be less the heat of people who stayed away.
+        return "an open window took heat away, or people brought less than usual"
     return "heating and weather do not explain it, so the model does not know this room well enough"
 
 

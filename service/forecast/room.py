@@ -25,7 +25,7 @@ from estimator.network.network import Network
 from estimator.network.presets import NEIGHBOUR
 from service.forecast.answers import Room, RoomAnswer, ToDo
 from service.forecast.heating import COLD
-from service.forecast.looking_back import last_day, lost_heat, warming_up
+from service.forecast.looking_back import last_day, lost_heat, often_lost, warming_up
 from service.forecast.shares import Shares
 from service.records.outlook import Weather
 from service.records.series import GAIN, Series
@@ -314,7 +314,8 @@ class _Elsewhere(NamedTuple):
 
     @classmethod
     def of(cls, worker: ZoneWorker, past: Past) -> _Elsewhere:
-        gain = np.nan_to_num(past.gain[:, 1])
+        # What also takes heat away, and often, is not people.
+        gain = np.zeros(len(past.times)) if often_lost(past.gain) else np.nan_to_num(past.gain[:, 1])
         found = cls(np.zeros((len(gain), 3)), np.tile(gain[:, None], 3))
         summary, network = worker.parameters(_LEVELS), worker.network
         if summary is None or not len(summary.coefficients):

@@ -24,8 +24,8 @@ class Better(NamedTuple):
 
     def __str__(self) -> str:
         return (
-            f"{format_duration(self.lead)} ahead, {self.name} is the better forecast: off by {self.error:.2f} K, the "
-            f"model by {self.own:.2f} K"
+            f"{format_duration(self.lead)} ahead, {self.name} is the better forecast: off by {self.error:.2f} K in 7 "
+            f"days, the model by {self.own:.2f} K"
         )
 
 

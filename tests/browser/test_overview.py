@@ -84,14 +84,19 @@ def test_the_worst_rooms_come_first_with_their_finding_in_words(visit: Any, thir
 
 def test_a_room_that_is_colder_than_its_set_point_comes_before_the_others(serve: Any, visit: Any) -> None:
     zones = many(6)
-    for name, above in (("room-1", -3.0), ("room-2", 1.5)):
+    for name, above in (("room-1", -3.0), ("room-2", 1.5), ("room-0", 1.5)):
         newest = zones[name].updates[-1]
         zones[name].updates[-1] = newest._replace(setpoint=newest.y[0] + above)
+    # This one has yet to warm up: its set-point has just risen.
+    *earlier, last = zones["room-0"].updates
+    zones["room-0"].updates = [one._replace(setpoint=last.y[0]) for one in earlier] + [last]
     page = visit(serve(zones).url).page
     page.wait_for_selector(ROWS)
+    eventually(page, "document.querySelectorAll('tr[data-zone]')[3].dataset.zone === 'room-2'")
     assert names(page)[:4] == ["room-stalled", "room-waiting", "room-doubted", "room-2"]
     assert page.locator('[data-zone="room-2"] .cell-finding').inner_text() == "1.5 K colder than its set-point"
-    assert page.locator('[data-zone="room-1"] .cell-finding').inner_text() == "nothing unusual"
+    for name in ("room-1", "room-0"):
+        page.wait_for_selector(f"[data-zone={name}] .cell-finding >> text=nothing unusual")
     assert page.locator('[data-zone="room-2"] .cell-now').get_attribute("title").startswith("set to ")
 
 
@@ -111,8 +116,11 @@ def test_what_only_experts_mend_calls_for_nobody_and_a_forecast_that_is_outdone_
 ) -> None:
     expert, outdone = comfortable(doubted("expert")), comfortable(running("outdone"))
     better = "1h ahead, no change is the better forecast: off by 0.2 K, the model by 0.3 K; rely on the model 6h ahead"
-    outdone.trusted = Trust(0, (HorizonTrust(6 * 3600, "trusted", "", 0),), beaten=better, good_up_to=900)
-    page = visit(serve({zone.id: zone for zone in (expert, outdone)}).url).page
+    trusted = (HorizonTrust(6 * 3600, "trusted", "", 0),)
+    outdone.trusted = Trust(0, trusted, beaten=better, good_up_to=900)
+    further = comfortable(running("further"))
+    further.trusted = Trust(0, trusted, beaten="1d ahead, no change is the better forecast", good_up_to=6 * 3600)
+    page = visit(serve({zone.id: zone for zone in (expert, outdone, further)}).url).page
     page.wait_for_selector(ROWS)
     assert page.locator('[data-zone="expert"] .cell-finding').inner_text() == "nothing unusual"
     assert (
@@ -120,13 +128,14 @@ def test_what_only_experts_mend_calls_for_nobody_and_a_forecast_that_is_outdone_
         == "at times ahead, a simpler forecast is better"
     )
     trust = page.locator('[data-zone="outdone"] .cell-trust')
-    assert trust.text_content() == "up to 15 min: " + (trust.get_attribute("title") or "nothing")
+    assert trust.text_content() == "in part: " + (trust.get_attribute("title") or "nothing")
+    assert page.locator('[data-zone="further"] .cell-trust').inner_text().startswith("up to 6 h")
     colour = "zone => getComputedStyle(document.querySelector(`[data-zone=${zone}] .cell-trust`)).color"
     good = page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--good')")
     assert page.evaluate(colour, "outdone") != good
     page.locator("[data-filter=attention]").click()
-    eventually(page, "document.querySelectorAll('tr[data-zone]').length === 1")
-    assert names(page) == ["outdone"]
+    eventually(page, "document.querySelectorAll('tr[data-zone]').length === 2")
+    assert names(page) == ["further", "outdone"]
 
 
 def test_sort_filter_and_search(visit: Any, thirty: Building) -> None:

@@ -67,6 +67,7 @@ def test_a_room_opens_with_answers_and_what_to_do(visit: Any, house: Building) -
     page.get_by_role("button", name="When to start?").click()
     reached = "then it has 21.0 °C, or at most 0.5 K less, by Sat, May 3, 07:00 with a probability of 93%."
     page.wait_for_selector(f"text=1.5 h before: {reached}")
+    page.locator("section details summary").click()
     page.wait_for_selector(".findings li >> text=C_air is at its bound. C_air is at its lower bound; move it")
     assert page.locator(".expert dl").is_hidden(), "alpha, gate and N_eff are for experts"
     assert page.locator("time").first.get_attribute("title") == "2025-05-03 00:10 UTC"
@@ -172,6 +173,7 @@ def test_the_daemon_speaks_german_on_the_german_page(serve: Any, visit: Any) -> 
     own = page.locator(".doubt li span")
     assert own.inner_text() == "T_out ist 1500 s alt, älter als hold_inputs = 900 s; the wire is cut"
     assert own.get_attribute("lang") == "de"
+    page.locator("section details summary").click()
     page.wait_for_selector(".findings li [lang=en]")
     assert page.locator(".findings li [lang=en]").last.inner_text() == "a sentence of a newer daemon"
     page.locator(".expert summary").click()
@@ -390,7 +392,7 @@ def test_the_plan_is_made_by_hand_and_the_fan_follows(visit: Any, house: Buildin
     page.locator(".plan g").first.focus()
     page.keyboard.press("End")
     eventually(page, "document.querySelector('.plan g').getAttribute('aria-valuenow') === '2000'")
-    page.locator(".plan-box button", has_text="As now").click()
+    page.locator(".plan-box button", has_text="No plan").click()
     page.wait_for_selector("text=With everything as it is now")
 
 

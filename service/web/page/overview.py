@@ -45,6 +45,9 @@ ROWS_AT_ONCE = 100
 _KEPT = 3 * 3600
 """What was expected is shown for so many s of the zone's time: with many zones the next look ahead takes a while."""
 
+_WARMING = 6 * 3600
+"""s after a rise of its set-point in which a room that is colder may still be warming up."""
+
 _SILENT = ("stalled", "failed", "waiting")
 """States in which nobody vouches for what was expected."""
 
@@ -56,6 +59,8 @@ class Spark(NamedTuple):
 
     sample_time: int
     line: SparkPayload
+    lowest_setpoint: float
+    """degC, in the last _WARMING."""
     too_cold: float
     """h, against the set-point."""
     too_warm: float
@@ -78,7 +83,8 @@ class Spark(NamedTuple):
         warm = (measured > np.fmax.reduce(setpoint, initial=np.nan) + WARM) & np.isfinite(setpoint)
         too_cold, too_warm = (float(when.sum()) * series.bucket / 3600.0 for when in (cold, warm))
         line = SparkPayload(first, series.bucket, tuple(values))
-        return cls(sample_time, line, too_cold, too_warm, Comfort.of(Past.of(series)).often)
+        lowest = float(np.fmin.reduce(setpoint[times > sample_time - _WARMING], initial=np.nan))
+        return cls(sample_time, line, lowest, too_cold, too_warm, Comfort.of(Past.of(series)).often)
 
 
 def overview_routes(site: Site) -> APIRouter:
@@ -166,6 +172,7 @@ def overview_row(zone: ZoneView, ahead: AheadPayload | None, day: Spark | None, 
         sample_time=None if update is None else update.time,
         temperature=math.nan if update is None else update.y[0],
         setpoint=math.nan if update is None else update.setpoint,
+        risen=update is not None and day is not None and update.setpoint > day.lowest_setpoint + COLD,
         disturbed=update is not None and update.shown_gate.regime == "high",
         expected=expected,
         expected_from=update.forecast.valid_time if update is not None and expected else None,

@@ -45,6 +45,7 @@ class OverviewRow:
     sample_time: Time | None = shown("start of the last interval that was used")
     temperature: Number = shown("the first measured temperature of that sample, degC")
     setpoint: Number = shown("what the room was meant to have then, degC; null where nobody told")
+    risen: bool = shown("the set-point rose in the last 6 h: the room may still be warming up; needs the read history")
     disturbed: bool = shown("the volatility is high: something acts on the zone that nobody measures")
     expected: tuple[ExpectedPayload, ...] = shown(
         "1 h and 6 h ahead, from the newest look ahead; empty before the first"

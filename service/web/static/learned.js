@@ -1,6 +1,7 @@
-// What the model has learned of a zone: in sentences, then every parameter within its bounds.
+// What the model has learned of a zone: what is wrong, in sentences, then for experts every parameter within its bounds.
 
 import { element, svg, tableRow } from "./dom.js";
+import { pressing } from "./ranking.js";
 import { amount, t } from "./text.js";
 import { findingSentence, findingText, saidNode } from "./words.js";
 
@@ -11,15 +12,8 @@ export function showLearned(place, zone, parameters) {
     place.append(element("p", { className: "muted", textContent: t("learned.none") }));
     return;
   }
-  for (const { variant, weight } of parameters.variants.slice(0, 3)) {
-    place.append(element("p", { className: "muted", textContent: t("learned.variant", { variant, share: amount(100 * weight, 2) }) }));
-  }
-  if (parameters.findings.length) {
-    place.append(
-      element("h3", { textContent: t("learned.findings") }),
-      element("ul", { className: "findings" }, ...parameters.findings.map((finding) => element("li", {}, element("strong", { textContent: `${findingSentence(finding)} ` }), saidNode(finding.sentence)))),
-    );
-  }
+  const plain = pressing(parameters);
+  place.append(...findingList(plain));
   const bounds = new Map(zone.parameters.map((one) => [one.name, one]));
   const rows = parameters.parameters.filter(({ free }) => free).map((one) => parameterRow(one, bounds.get(one.name), parameters.findings));
   place.append(
@@ -27,9 +21,17 @@ export function showLearned(place, zone, parameters) {
       "details",
       {},
       element("summary", { textContent: t("learned.all", { count: rows.length }) }),
+      ...parameters.variants.slice(0, 3).map(({ variant, weight }) => element("p", { className: "muted", textContent: t("learned.variant", { variant, share: amount(100 * weight, 2) }) })),
+      ...findingList(parameters.findings.filter((finding) => !plain.includes(finding))),
       element("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": t("learned.title") }, element("table", {}, element("thead", {}, tableRow("th", [t("learned.name"), t("learned.value"), t("learned.interval"), t("learned.bounds"), t("learned.where")])), element("tbody", {}, ...rows))),
     ),
   );
+}
+
+function findingList(findings) {
+  if (!findings.length) return [];
+  const items = findings.map((finding) => element("li", {}, element("strong", { textContent: `${findingSentence(finding)} ` }), saidNode(finding.sentence)));
+  return [element("h3", { textContent: t("learned.findings") }), element("ul", { className: "findings" }, ...items)];
 }
 
 function parameterRow({ name, unit, quantiles }, prior, findings) {

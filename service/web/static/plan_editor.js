@@ -44,6 +44,7 @@ export function planEditor({ channel, unit, times, now, usual, most, changed }) 
   }
 
   function draw() {
+    area.classList.toggle("unplanned", !touched);
     bars.forEach(({ handle, bar }, index) => {
       const height = Math.max(1.5, (Math.min(values[index], largest) / largest) * HEIGHT);
       bar.setAttribute("y", (HEIGHT - height).toFixed(2));

@@ -20,9 +20,9 @@ export function outdone(row) {
 // K below its set-point from which a room is cold, as in the answers about a room.
 export const COLD = 0.5;
 
-// By how many K a room is colder than it is meant to be; 0 where it is not, or nobody knows.
-export function coldBy({ temperature, setpoint }) {
-  const by = setpoint === null || temperature === null ? 0 : setpoint - temperature;
+// By how many K a room is colder than it is meant to be; 0 where it is not, has yet to warm up, or nobody knows.
+export function coldBy({ temperature, setpoint, risen }) {
+  const by = risen || setpoint === null || temperature === null ? 0 : setpoint - temperature;
   return by > COLD ? by : 0;
 }
 

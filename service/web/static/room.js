@@ -8,7 +8,7 @@ import { capital, duration, number, share, t } from "./text.js";
 import { moment } from "./time.js";
 import { saidNode } from "./words.js";
 
-const ASK_MS = 300_000;
+const ASK_MS = 60_000;
 const HEIGHT = 60;
 const WORTH = 20;
 

@@ -187,7 +187,8 @@ function roomRow(id) {
       const { text, lang } = rowTold(row);
       const why = row.trust_reason ? said(row.trust_reason) : { text: "", lang: "" };
       set(cells.trust, { title: why.text, className: `cell-trust trust-${trust ?? "unknown"}` });
-      const horizon = outdone(row) && row.good_up_to_s ? t("trust.up_to", { lead: duration(row.good_up_to_s) }) : trustText(trust);
+      // Where the gap lies below the hours that are trusted, "up to" would deny these.
+      const horizon = outdone(row) && row.good_up_to_s >= LEADS[1][1] ? t("trust.up_to", { lead: duration(row.good_up_to_s) }) : trustText(trust);
       // Read out once, where it is not the finding as well.
       cells.trust.replaceChildren(horizon, ...(why.text && why.text !== text ? [element("span", { className: "hidden-text", lang: why.lang, textContent: `: ${why.text}` })] : []));
       set(cells.finding, { textContent: text, title: text, lang });

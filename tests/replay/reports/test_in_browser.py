@@ -67,6 +67,8 @@ def test_at_night_it_is_dark_and_on_paper_light(page):
     page.emulate_media(media="print", color_scheme="dark")
     page.wait_for_function(f"{background} === 'rgb(255, 255, 255)'")
     page.wait_for_function(f"{first} === 'white'")
+    parted = page.evaluate("[...document.querySelectorAll('figure')].map(one => getComputedStyle(one).breakInside)")
+    assert set(parted) == {"avoid"}, "no plot is cut by the end of a sheet"
     page.emulate_media(media="screen", color_scheme="light")
     assert page.said == []
 

@@ -63,6 +63,20 @@ def test_another_look_is_taken_after_some_minutes_of_the_zone():
     assert len(sink.told) == 3
 
 
+def test_the_looks_rest_but_not_after_the_first_which_compiles(monkeypatch):
+    rests = []
+
+    async def rest(seconds):
+        rests.append(seconds)
+
+    monkeypatch.setattr(asyncio, "sleep", rest)
+    zones = [running(name) for name in ("living", "attic", "cellar")]
+    ahead, _ = looking(*zones)
+    for zone in zones:
+        asyncio.run(ahead.attend(zone.id))
+    assert len(rests) == 2
+
+
 def test_a_zone_that_no_longer_vouches_for_it_says_so_once_and_comes_back():
     zone = running("living")
     ahead, sink = looking(zone)

@@ -39,6 +39,15 @@ def test_a_gap_parts_two_losses():
     assert "; 1.2 kWh of it from 2026-01-05 12:00 to 13:00" in answer.sentence
     (answer,) = lost_heat(TIMES, STEP, opened((72, 84, 1200.0)), None)
     assert answer.sentence.endswith("; all of it from 2026-01-05 12:00 to 14:00")
+    (answer,) = lost_heat(TIMES, STEP, opened((138, 150, 1200.0)), None)
+    assert answer.sentence.endswith("; all of it from 2026-01-05 23:00 to 2026-01-06 01:00")
+
+
+def test_heat_that_is_lost_too_often_is_no_window():
+    (answer,) = lost_heat(TIMES, STEP, opened((100, 180, 900.0)), None)
+    assert answer.sentence.startswith("What an open window took away is not known")
+    assert sayer("de")(answer.sentence).endswith("denn 11 % der Zeit kommt und geht Wärme, die niemand misst")
+    assert np.isnan(answer.value)
 
 
 def test_a_closed_window_is_told_and_an_unknown_gain_is_not():
@@ -120,10 +129,27 @@ def test_an_input_that_came_otherwise_is_named():
     assert asked(worker(1.4, 0.4), inputs) == [answer]
 
 
-def test_heat_that_nobody_measures_is_named_with_its_energy_else_the_model():
-    gain = np.where(TIMES[-1] - 6 * 3600.0 < TIMES, -400.0, 0.0)
-    (answer,) = asked(worker(1.4, 1.3), gain=gain)
-    assert answer.sentence.endswith("such as people or a window, took away 2.4 kWh more than usual")
-    assert sayer("de")(answer.sentence).endswith("etwa Menschen oder ein Fenster, entzog 2.4 kWh mehr als sonst")
+@pytest.mark.parametrize(
+    ("power", "why", "german"),
+    [
+        (
+            400.0,
+            "that nobody measures, brought 2.4 kWh more than usual",
+            "das niemand misst, brachten 2.4 kWh mehr als sonst",
+        ),
+        (
+            -400.0,
+            "an open window took heat away, or people brought less than usual",
+            "Menschen brachten weniger als sonst",
+        ),
+    ],
+)
+def test_heat_that_nobody_measures_is_named_with_its_energy(power, why, german):
+    (answer,) = asked(worker(1.4, 1.3), gain=np.where(TIMES[-1] - 6 * 3600.0 < TIMES, power, 0.0))
+    assert answer.sentence.endswith(why)
+    assert sayer("de")(answer.sentence).endswith(german)
+
+
+def test_else_the_model_does_not_know_the_room_well_enough():
     (answer,) = asked(worker(1.4, 1.3))
     assert answer.sentence.endswith("so the model does not know this room well enough")

@@ -200,6 +200,7 @@ def test_at_most_three_things_are_to_be_done_the_most_important_first(worker, mo
 
 def test_in_german_no_part_of_a_sentence_stays_english(worker):
     room = asked(worker, PAST._replace(gain=np.tile([-900.0, -500.0, -100.0], (len(TIMES), 1))), area=120.0)
+    assert min(room.people) > -50.0, "what is lost all the time is not people's"
     told = [one.sentence for one in room.answers] + [text for one in room.to_do for text in (one.what, one.why)]
     assert len(told) > 9
     german = [sayer("de")(sentence) for sentence in told]
