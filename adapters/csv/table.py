@@ -63,6 +63,7 @@ class Table(NamedTuple):
 def read_header(path: Path, layout: LayoutConfig) -> list[str]:
     """Column names of a file; SourceError if there are none to be had."""
     if is_parquet(path):
+        _refuse_pipe(path)
         return list(parquet_columns(path))
     with _opened(path, layout) as reader:
         return _header(path, reader)
@@ -176,6 +177,12 @@ def _column(rows: Sequence[Sequence[str]], position: int) -> list[str]:
         return [row[position] if position < len(row) else "" for row in rows]
 
 
+def _refuse_pipe(path: Path) -> None:
+    """SourceUnavailable for a pipe or a device, which would be waited for."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise SourceUnavailable(f"file '{path}' is a pipe or a device; give a file")
+
+
 CsvReader = Iterator[list[str]]
 
 
@@ -185,9 +192,8 @@ def _opened(path: Path, layout: LayoutConfig, content: bytes | None = None) -> I
     # A byte-order mark would otherwise end up in the name of the first column.
     utf8 = codecs.lookup(layout.encoding).name == "utf-8"
     encoding = "utf-8-sig" if utf8 else layout.encoding
-    if content is None and path.exists() and not path.is_file() and not path.is_dir():
-        # A pipe would be waited for.
-        raise SourceUnavailable(f"file '{path}' is a pipe or a device; give a file")
+    if content is None:
+        _refuse_pipe(path)
     try:
         with path.open("rb") if content is None else io.BytesIO(content) as raw:
             binary = gzip.GzipFile(fileobj=raw) if path.suffix.lower() == ".gz" else raw

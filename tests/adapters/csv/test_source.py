@@ -244,9 +244,10 @@ def test_check_names_every_problem_with_its_file(tmp_path):
         assert problem.startswith(beginning)
 
 
-def test_a_pipe_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "pipe.csv")
-    (problem,) = source(tmp_path / "pipe.csv").check()
+@pytest.mark.parametrize("name", ["pipe.csv", "pipe.parquet"])
+def test_a_pipe_is_not_waited_for(tmp_path, name):
+    os.mkfifo(tmp_path / name)
+    (problem,) = source(tmp_path / name).check()
     assert "is a pipe or a device; give a file" in problem
 
 
