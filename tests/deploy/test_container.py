@@ -90,8 +90,9 @@ def test_what_it_leaves_out_is_there_to_be_left_out() -> None:
     (pruned,) = (line for line in given("RUN", 0) if "-name tests -prune" in line)
     unused = re.search(r"rm -r (.+?) &&", pruned)[1].split()  # type: ignore[index]
     assert [one for one in unused if not (installed / one).exists()] == []
-    installs = [line for line in given("RUN", 0) if "install" in line and "constraints.txt" in line]
-    assert all("--no-compile" in line for line in installs)
+    hashed, *more = (line for line in given("RUN", 0) if "python install" in line)
+    assert "--require-hashes" in hashed
+    assert all("--no-compile" in line for line in (hashed, *more))
 
 
 def test_the_composition_takes_everything_away() -> None:
