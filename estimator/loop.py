@@ -156,9 +156,8 @@ class Loop:
     def begin(self) -> Carried:
         """Nothing has been seen."""
         width, period = len(self.estimator.network.inputs), int(self.estimator.period)
-        nothing = Held(np.full(width, np.nan), np.full(width, np.nan))
         return Carried(
-            nothing,
+            Held(np.full(width, np.nan), np.full(width, np.nan)),
             no_day(width, period),
             no_record(width),
             nothing_recent(width, period),

@@ -292,12 +292,11 @@ def _proved(states: Sequence[BankState]) -> dict[str, Array]:
 
 
 def _begun_bank(bank: Bank, state: BankState, time: float, known: Experience) -> BankState:
-    members = tuple(
-        begun(member, own, time, under(f"member.{place}.", known))
-        for place, (member, own) in enumerate(zip(bank.members, state.members, strict=True))
-    )
     return state._replace(
-        members=members,
+        members=tuple(
+            begun(member, own, time, under(f"member.{place}.", known))
+            for place, (member, own) in enumerate(zip(bank.members, state.members, strict=True))
+        ),
         costs=state.costs._replace(**under("costs.", known)),
         widths=state.widths._replace(**under("widths.", known)),
     )

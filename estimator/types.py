@@ -41,8 +41,7 @@ class Mixture(NamedTuple):
 
     def sd(self) -> Array:
         """Standard deviation of every output, shape (n_y,)."""
-        spread = self.sds**2 + (self.means - self.mean()[:, None]) ** 2
-        return np.sqrt(self._weighted(spread))
+        return np.sqrt(self._weighted(self.sds**2 + (self.means - self.mean()[:, None]) ** 2))
 
     def quantiles(self, levels: Array, output: int) -> Array:
         """Quantiles (L,) of one output [degC] at `levels` (L,)."""

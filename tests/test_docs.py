@@ -393,8 +393,7 @@ def offered(command: str, capsys: pytest.CaptureFixture[str]) -> set[str]:
 
 def test_every_command_takes_the_options_of_all(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
-    commands = re.findall(r"^    ([a-z-]+)(?: |$)", capsys.readouterr().out, re.MULTILINE)
-    for command in commands:
+    for command in re.findall(r"^    ([a-z-]+)(?: |$)", capsys.readouterr().out, re.MULTILINE):
         assert {"--set", "--debug", "--help"} <= offered(command, capsys), command
 
 

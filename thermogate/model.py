@@ -517,8 +517,7 @@ class Model:
         return found
 
     def _summary(self, levels: Sequence[float]) -> ParameterSummary:
-        estimator = self._session.worker.estimator
-        if not estimator.physical:
+        if not self._session.worker.estimator.physical:
             raise DataError(
                 f"the estimator {self.estimator} has no parameters of a building; fit with another estimator"
             )

@@ -70,8 +70,7 @@ def _columns(plan: object, settings: Settings) -> dict[str, Any]:
         return {}
     if isinstance(plan, Mapping):
         return dict(plan)
-    pd = pandas()
-    if not isinstance(plan, pd.DataFrame):
+    if not isinstance(plan, pandas().DataFrame):
         raise DataError('the plan must be a DataFrame or a dict such as {"u_heat": 1500.0}, not ' + shown(plan))
     read = {name for column in settings.columns for name in (column.name, *column.sources)}
     passed_over = (read | set(settings.other_columns)) - _names(settings).keys()

@@ -207,8 +207,7 @@ def endpoint(value: object) -> str:
 
 
 def loopback_endpoint(value: object) -> str:
-    host = endpoint(value).split("/", 1)[1].rsplit(":", 1)[0]
-    if not is_loopback(host):
+    if not is_loopback(endpoint(value).split("/", 1)[1].rsplit(":", 1)[0]):
         raise ValueError(
             f"{shown(value)} is not on a loopback address, and a simulated building has no credentials to serve other "
             'machines; use 127.0.0.1, [::1] or localhost, such as "tcp/127.0.0.1:7447"'

@@ -24,8 +24,7 @@ class Assimilated(NamedTuple):
 
 def triangular_root(rows: Array) -> Array:
     """Lower triangular L (n, n) with L L^T = rows^T rows, for `rows` (m, n)."""
-    upper = np.asarray(np.linalg.qr(rows, mode="r"))
-    return np.ascontiguousarray(upper.T)
+    return np.ascontiguousarray(np.asarray(np.linalg.qr(rows, mode="r")).T)
 
 
 def scalar_update(prior: Gaussian, index: int, y: float, variance: float) -> Assimilated:

@@ -143,6 +143,5 @@ def _periodic_hats(hours: Array) -> Array:
 
 def _hats(hours: Array) -> Array:
     """(L, 5): the same at SUN_HOURS, constant before the first and after the last."""
-    place = np.clip(hours, SUN_HOURS[0], SUN_HOURS[-1])
-    apart = np.abs(place[:, None] - np.array(SUN_HOURS))
+    apart = np.abs(np.clip(hours, SUN_HOURS[0], SUN_HOURS[-1])[:, None] - np.array(SUN_HOURS))
     return np.maximum(1.0 - apart / (SUN_HOURS[1] - SUN_HOURS[0]), 0.0)

@@ -272,8 +272,7 @@ class MKF(OneState):
 
         The draws belong to the state: equal states have equal quantiles.
         """
-        draws = Draws(int(state.seed), int(state.step))
-        z = self._sample(state, draws, _SUMMARY_DRAWS)[1]
+        z = self._sample(state, Draws(int(state.seed), int(state.step)), _SUMMARY_DRAWS)[1]
         theta = self._model.space.parameters(z[self._model.size - self._model.free :])
         matrices = assemble(self.network, theta)
         return ParameterSummary(

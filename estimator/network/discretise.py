@@ -22,8 +22,7 @@ class Discrete(NamedTuple):
 def discretise(matrices: Matrices, period: float) -> Discrete:
     """A_d and B_d of (5)-(6) over `period` s."""
     root = np.sqrt(matrices.capacitance)
-    symmetric = matrices.internal / (root[:, :, None] * root[:, None, :])
-    rate, vectors = np.linalg.eigh(symmetric)
+    rate, vectors = np.linalg.eigh(matrices.internal / (root[:, :, None] * root[:, None, :]))
     rate = np.maximum(rate, 0.0)
     decay = np.exp(-rate * period)
     integral = np.where(rate * period > 1e-12, -np.expm1(-rate * period) / np.where(rate > 0, rate, 1.0), period)

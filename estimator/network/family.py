@@ -22,13 +22,12 @@ def family(network: Network) -> dict[str, Network]:
     """Variants of `network` by name: `own`, itself, `bare`, without its terms if it has any, and those of `ground`,
     `two-layers` and `direct-heat` that it allows, without terms too."""
     variants, bare = {"own": network}, network.without_terms()
-    built = {
+    for name, variant in {
         "bare": bare if network.terms else None,
         "ground": with_ground(bare),
         "two-layers": with_two_layers(bare),
         "direct-heat": with_direct_heat(bare),
-    }
-    for name, variant in built.items():
+    }.items():
         if variant is not None:
             variants[name] = variant
     return variants

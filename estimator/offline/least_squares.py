@@ -110,8 +110,7 @@ class _Problem:
         self._segments = [_checked(segment, index, network) for index, segment in enumerate(segments)]
         rules = [initial_temperatures(network, s.outputs[0], s.inputs[0]) for s in self._segments]
         self._rule, self._sd = (np.array(part) for part in zip(*rules, strict=True))
-        hidden = [node not in network.measured for node in network.nodes]
-        self._estimated = np.flatnonzero(hidden)
+        self._estimated = np.flatnonzero([node not in network.measured for node in network.nodes])
         self._count = sum(int(np.isfinite(segment.outputs[1:]).sum()) for segment in self._segments)
         if self._count == 0:
             raise EstimatorError(

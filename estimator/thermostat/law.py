@@ -327,8 +327,7 @@ def _on_off(x: Array, heat: Array, before: Array, weights: Array) -> Array:
         thresholds = []
         for group in (on, ~on):
             # Squares saved by power above a threshold: all that comes after it.
-            saved = own * gain * group
-            after = np.concatenate([[0.0], np.cumsum(saved[::-1])])[::-1]
+            after = np.concatenate([[0.0], np.cumsum((own * gain * group)[::-1])])[::-1]
             best = np.flatnonzero(after >= after.max() - 1e-6 * power**2)
             thresholds.append(float(edges[best[len(best) // 2]]))
         off_at, on_at = thresholds

@@ -124,8 +124,7 @@ def _with(waiting: Waiting, due: int, horizon: int, mixture: Mixture) -> Waiting
     rows = np.zeros((3, COMPONENTS))
     # A component that is not there still has a spread to divide by.
     rows[2] = 1.0
-    count = len(small.weights)
-    rows[:, :count] = small.weights / small.weights.sum(), small.means[0], small.sds[0]
+    rows[:, : len(small.weights)] = small.weights / small.weights.sum(), small.means[0], small.sds[0]
     row: dict[str, Any] = {"due": due, "horizon": horizon, "lower": lower, "upper": upper}
     row |= {"weights": rows[0], "means": rows[1], "sds": rows[2]}
     return _changed(waiting, lambda name, column: np.concatenate([column, np.array([row[name]], dtype=column.dtype)]))

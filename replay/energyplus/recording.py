@@ -75,12 +75,11 @@ def record(
     rng = np.random.default_rng([seed, 0x5E2])
     times = np.array([round(now.time) for now in seen], dtype=np.int64)
     exact = np.array([now.air for now in seen])
-    air = np.column_stack([measured(THERMOMETER, times, times, column, rng) for column in exact.T])
     return Recording(
         building,
         file,
         times,
-        air,
+        np.column_stack([measured(THERMOMETER, times, times, column, rng) for column in exact.T]),
         measured(THERMOMETER, times, times, np.array([now.outdoor for now in seen]), rng),
         np.array(wanted),
         np.array([after.truth.heating for after in ended]),

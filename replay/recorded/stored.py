@@ -105,8 +105,7 @@ def _kept(published: HistoryRow, learned: HistoryRow) -> HistoryRow:
     """The row as it was published; one from before gains were kept takes its gain from the row learned anew."""
     if published.gain_median == published.gain_median:
         return published
-    gain = {name: getattr(learned, name) for name in GAIN}
-    return replace(published, **gain)
+    return replace(published, **{name: getattr(learned, name) for name in GAIN})
 
 
 def _note(trace: Trace, published: dict[int, HistoryRow]) -> str:

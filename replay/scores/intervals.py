@@ -47,8 +47,7 @@ def rmse(residual: Array) -> float:
 
 def coverage(y: Array, lower: Array, upper: Array) -> float:
     """Share of `y` inside its interval (36), bounds included."""
-    inside = np.where(np.isnan(y + lower + upper), np.nan, (lower <= y) & (y <= upper))
-    return _mean(inside)
+    return _mean(np.where(np.isnan(y + lower + upper), np.nan, (lower <= y) & (y <= upper)))
 
 
 def mean_width(lower: Array, upper: Array) -> float:

@@ -15,8 +15,7 @@ def update_magnitudes(theta: Array) -> Array:
 
     A fixed parameter contributes nothing.
     """
-    steps = np.linalg.norm(np.diff(np.log(theta), axis=0), axis=1)
-    return np.concatenate([[np.nan], steps])
+    return np.concatenate([[np.nan], np.linalg.norm(np.diff(np.log(theta), axis=0), axis=1)])
 
 
 def parasitic_learning_index(magnitudes: Array, dominated: Mask) -> float:

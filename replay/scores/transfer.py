@@ -30,8 +30,7 @@ def frequency_response(
     """
     model = discretise(assemble(network, theta), period)
     shift = np.exp(1j * np.linspace(0.0, np.pi, points))
-    identity = np.eye(len(network.nodes))
-    resolvent = shift[None, :, None, None] * identity - model.transition[:, None]
+    resolvent = shift[None, :, None, None] * np.eye(len(network.nodes)) - model.transition[:, None]
     states = np.linalg.solve(
         resolvent, np.broadcast_to(model.input[:, None], (*resolvent.shape[:3], len(network.inputs)))
     )

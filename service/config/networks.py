@@ -93,10 +93,9 @@ def _from_preset(table: PresetConfig, channels: Collection[str], mistakes: Mista
         network = presets.automatic([name for name in channels if name != SUN or table.solar is None])
     if table.box is not None:
         if not is_generic(network):
-            wrong = (
+            mistakes[("box",)] = (
                 f'network "{network.name}" is one building, whose bounds do not follow from a floor area; remove box'
             )
-            mistakes[("box",)] = wrong
             return network
         network = boxed(network, *table.box.floor_area)
     if table.solar is not None:

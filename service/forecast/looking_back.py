@@ -43,8 +43,7 @@ def warming_up(step: float, temperature: Array, setpoint: Array, cold: float) ->
     rises = rises[np.diff(rises, prepend=-2) > 1]
     took, missed = [], 0
     for rise in rises.tolist():
-        cut = [later for later in (*rises, *falls) if later > rise + 1]
-        end = min(cut, default=len(setpoint))
+        end = min([later for later in (*rises, *falls) if later > rise + 1], default=len(setpoint))
         after = temperature[rise:end]
         warm = np.flatnonzero(after >= setpoint[min(rise + 1, end - 1)] - cold)
         if not np.isfinite(after[: warm[0] if len(warm) else None]).all():

@@ -268,8 +268,7 @@ def test_an_hour_of_a_thousand_rooms_leaves_memory_flat(visit: Any, thousand: Bu
         for _ in range(samples):
             thousand.step(*(name for name, zone in thousand.zones.items() if zone.updates))
             shown = thousand.zones["room-0"].updates[-1].y[0]
-            text = f"{shown:.1f} °C"
-            eventually(page, f"text => {NOW}?.textContent === text", text)
+            eventually(page, f"text => {NOW}?.textContent === text", f"{shown:.1f} °C")
         session.send("HeapProfiler.collectGarbage")
         counters = session.send("Memory.getDOMCounters")
         return page.evaluate("performance.memory.usedJSHeapSize"), counters["nodes"]

@@ -119,8 +119,7 @@ def test_a_room_is_headed_by_its_temperature_and_set_point(serve: Any, visit: An
 
 
 def test_what_happens_now_is_told_and_so_is_what_has_passed(serve: Any, visit: Any) -> None:
-    zone = running("living", 288 + 200)
-    house = serve({"living": zone})
+    house = serve({"living": running("living", 288 + 200)})
     page = opened(visit, house).page
     house.step("living")
     page.wait_for_selector("text=Something acts on the room that nobody measures")
@@ -247,8 +246,7 @@ def test_the_fan_says_where_its_inputs_come_from(serve: Any, visit: Any) -> None
         InputOrigin("u_heat", "held", "", 60.0, Quality.GOOD),
     )
     zone.origins = origins
-    house = serve({"living": zone})
-    page = opened(visit, house).page
+    page = opened(visit, serve({"living": zone})).page
     page.wait_for_selector("text=With the inputs as foreseen below, the lowest is")
     assert page.locator(".origins li").all_inner_texts() == [
         "Outdoors: weather forecast “forecast”, 2 h old, as far as it reaches",
@@ -487,8 +485,7 @@ def test_hostile_names_are_text_wherever_they_show(serve: Any, visit: Any) -> No
     zone.reason = HOSTILE
     zone.faults = {HOSTILE: 3}
     zone.diagnosis = Diagnosis((Finding("parameter-at-bound", f"C{HOSTILE}", HOSTILE),))
-    house = serve({HOSTILE: zone}, site=HOSTILE)
-    page = visit(house.url).page
+    page = visit(serve({HOSTILE: zone}, site=HOSTILE).url).page
     page.wait_for_selector("tr[data-zone] a")
     assert page.locator("tr[data-zone] a").inner_text() == HOSTILE
     page.locator("tr[data-zone] a").click()

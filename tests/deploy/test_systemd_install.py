@@ -50,8 +50,7 @@ def test_an_installation_is_upgraded_taken_back_and_removed(built: tuple[Path, P
     configuration.write_text((EXAMPLES / "generic-csv.toml").read_text())
     done = install(root, "--wheel", str(wheel))
     assert done.returncode == 0, done.stderr
-    second = (programs / "thermogate").readlink()
-    assert second != first
+    assert (programs / "thermogate").readlink() != first
     assert install(root, "--back").returncode == 0
     assert (programs / "thermogate").readlink() == first
     version = subprocess.run([programs / "thermogate/bin/python", "--version"], capture_output=True, check=True)

@@ -97,8 +97,7 @@ def test_a_bank_begins_with_what_the_members_proved_elsewhere_for_some_days():
         assert ((own[name] - first[name]) * (theirs[name] - first[name]) >= -1e-3).all(), name
     assert state.costs.hours.max() <= 24.0 * DAYS
     assert state.widths.log_scale == pytest.approx(other.state.widths.log_scale)
-    again = estimator.unpack(estimator.pack(state))
-    assert np.array_equal(again.costs.excess, state.costs.excess)
+    assert np.array_equal(estimator.unpack(estimator.pack(state)).costs.excess, state.costs.excess)
 
 
 def test_a_room_unlike_its_neighbours_forgets_them():

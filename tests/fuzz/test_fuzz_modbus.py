@@ -73,8 +73,7 @@ def test_register_block(data: bytes) -> None:
 def test_plan_of_requests(points: list[Point], batch: bool, registers: int, gap: int) -> None:
     """Every point is asked for, once, whole, and within what a request may hold."""
     requests = plan(points, TABLE.model_copy(update={"batch": batch, "max_registers": registers, "fill_gaps": gap}))
-    asked = [point for request in requests for point in request.points]
-    assert sorted(asked) == sorted(points)
+    assert sorted([point for request in requests for point in request.points]) == sorted(points)
     for request in requests:
         assert request.size <= registers * (16 if request.table in ("coil", "discrete") else 1)
         for point in request.points:

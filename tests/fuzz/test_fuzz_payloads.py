@@ -193,8 +193,7 @@ LABELS = st.sampled_from(["bn", "bt", "bu", "bv", "bver", "n", "u", "v", "vb", "
     ),
 )
 def test_json_document(document: object) -> None:
-    payload = json.dumps(document).encode()
-    taken(payload, JSON, EPOCH)
+    taken(json.dumps(document).encode(), JSON, EPOCH)
 
 
 @structured(examples=80, pack=st.lists(st.dictionaries(LABELS, TREES, max_size=6), max_size=5))

@@ -40,11 +40,10 @@ def test_journal_rows(outputs: bytes, inputs: bytes, quality: str, history: list
     journal.append_all([("z", Sample(300, np.array([20.5]), np.array([1.0]), (Quality.GOOD,), (Quality.GOOD,)))])
     with closing(sqlite3.connect(path)) as other, other:
         other.execute("PRAGMA synchronous = OFF")
-        rows = {
+        for table, row in {
             "samples": {"outputs": outputs, "inputs": inputs, "output_quality": quality, "input_quality": quality},
             "history": dict(zip(HISTORY_COLUMNS[1:], history, strict=True)),
-        }
-        for table, row in rows.items():
+        }.items():
             values = {"zone": "z", "time": 600} | row
             marks = ", ".join("?" * len(values))
             other.execute(f"INSERT INTO {table} ({', '.join(values)}) VALUES ({marks})", [*values.values()])

@@ -325,8 +325,7 @@ def test_at_the_end_everything_is_as_on_one_machine_that_was_never_disturbed(sit
             for path in LEARNED:
                 status, alone = daemon.get(f"/zones/{room}/{path}")
                 assert status == 200, alone
-                found = site.get(f"/zones/{room}/{path}")
-                assert found == (200, alone), f"{room}: {path}"
+                assert site.get(f"/zones/{room}/{path}") == (200, alone), f"{room}: {path}"
             assert len(alone) > 0
 
 

@@ -77,8 +77,7 @@ def make_update(step: int, network: Network | None = None, levels: Sequence[floa
     alpha = 6.0 if disturbed else 1.1 + 0.1 * math.sin(7 * phase)
     sd = 0.05 * math.sqrt(alpha)
     y = mean + 0.04 * math.sin(37.0 * step) + (0.15 if disturbed else 0.0)
-    predicted = output(network.measured[0], mean, sd, levels)
-    interval = predicted.intervals[0]
+    interval = output(network.measured[0], mean, sd, levels).intervals[0]
     return Update(
         time=time,
         segment=0,

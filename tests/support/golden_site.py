@@ -59,8 +59,7 @@ def tables() -> dict[str, Any]:
         _zone("arx", 7, HEATED | {"T_i": "east"}),
         _zone("waiting", None, HEATED | {"T_i": "never"}, estimator="ekf"),
     ]
-    wanted = {"source": "recording", "column": "wanted", "unit": "degC"}
-    zones[0] |= {"setpoint": wanted}
+    zones[0] |= {"setpoint": {"source": "recording", "column": "wanted", "unit": "degC"}}
     zones[0]["channels"]["u_heat"]["installed"] = 3000
     return {
         "site": {"id": SITE, "state_dir": "state", "time_zone": "Europe/Berlin"},
@@ -92,8 +91,7 @@ def rows() -> Iterator[tuple[int, str]]:
     """The recording, without any function whose last digit depends on the machine: UTC s, and the cells of a row."""
     west, east, wall = 20_000, 17_000, 15_000
     for k in range(SAMPLES):
-        hour = k // 6
-        outside = 3_000 - 150 * abs(hour % 24 - 14)
+        outside = 3_000 - 150 * abs(k // 6 % 24 - 14)
         heat = 1_800 if k % 9 < 4 else 0
         noise = 17 * (k * 7919 % 11 - 5)
         disturbed = 900 if 70 <= k < 76 else 0

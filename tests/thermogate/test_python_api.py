@@ -296,8 +296,7 @@ def test_a_model_saved_before_the_default_changed_goes_on_as_what_it_was(tmp_pat
     model.save(tmp_path / "now.npz")
     now = decode((tmp_path / "now.npz").read_bytes(), tmp_path)
     settings = {key: value for key, value in now.meta["settings"].items() if key != "estimator"}
-    then = now._replace(meta={**now.meta, "settings": settings})
-    (tmp_path / "then.npz").write_bytes(encode(then))
+    (tmp_path / "then.npz").write_bytes(encode(now._replace(meta={**now.meta, "settings": settings})))
     loaded = tg.load(tmp_path / "then.npz")
     assert loaded.estimator == "rbpf"
     assert_same(loaded, model)
@@ -395,8 +394,7 @@ def test_scenarios_of_a_bank_are_those_of_its_whole_forecast() -> None:
     for plan in (None, {"u_heat": 1000.0}):
         paths, fan = model.scenarios(plan, "24h", count=400), model.forecast(plan, "24h", levels=(0.9,))
         for name, level in (("lower_0.9", 0.05), ("median", 0.5), ("upper_0.9", 0.95)):
-            apart = (paths.quantile(level, axis=1) - fan[name]).abs() / fan["sd"]
-            assert apart.max() < 0.1, name
+            assert ((paths.quantile(level, axis=1) - fan[name]).abs() / fan["sd"]).max() < 0.1, name
         steps = paths.diff().iloc[1:].abs().to_numpy()
         assert np.median(steps) < 0.2 * fan["sd"].median(), "a path goes on from where it is"
 

@@ -138,10 +138,8 @@ def test_without_matplotlib_one_sentence_says_how_to_install_it(model, monkeypat
 
 
 def test_a_report_is_the_page_of_a_replay_and_survives_saving(model, loaded, tmp_path):
-    path = model.report(tmp_path / "office.html")
-    text = path.read_text()
-    headings = re.findall(r"<h2>(.*?)</h2>", text)
-    assert headings[:2] == ["How is this room?", "Forecasts"]
+    text = model.report(tmp_path / "office.html").read_text()
+    assert re.findall(r"<h2>(.*?)</h2>", text)[:2] == ["How is this room?", "Forecasts"]
     assert "Thermogate report: office" in text
     assert len(re.findall(r"class='plot'", text)) >= 6
     assert loaded.report(tmp_path / "office.html").read_text() == text

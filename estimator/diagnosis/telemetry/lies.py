@@ -183,8 +183,7 @@ def _stuck(look: Look) -> Found:
     """A thermometer whose value has stayed the same for longer than ever."""
     for column in look.columns("room", "outside"):
         hours = _same(np.concatenate([look.past[:, column], look.new[:, column]])) * look.step
-        longest = hours[: len(look.past)].max()
-        if hours[-1] > max(2.0, 3.0 * longest):
+        if hours[-1] > max(2.0, 3.0 * hours[: len(look.past)].max()):
             yield SENSOR_STUCK, column, float(hours[-1])
 
 

@@ -112,7 +112,7 @@ def whole_network(building: Building) -> tuple[Network, dict[str, float]]:
         name = f"g_{left.name}_{right.name}"
         conductances.append(Conductance(name, (_of(left, "T_air"), _of(right, "T_air"))))
         theta[name] = value
-    network = Network(
+    return Network(
         name="simulated-building",
         capacitances=capacitances,
         boundaries=("T_out",),
@@ -122,8 +122,7 @@ def whole_network(building: Building) -> tuple[Network, dict[str, float]]:
             Parameter(name, _UNITS[name[0]], value / 10, value * 10, value) for name, value in theta.items()
         ),
         measured=tuple(_of(room, "T_air") for room in building.rooms),
-    )
-    return network.validate(), theta
+    ).validate(), theta
 
 
 def _rounded(value: float) -> float:

@@ -73,5 +73,4 @@ class Calendar:
         hour = local % DAY / HOUR
         schedule = np.where((hour >= _DAY_BEGINS) & (hour < _DAY_ENDS), _BY_DAY, _BY_NIGHT)
         # Rooms differ a little, so that there is a flow of heat between them.
-        offset = 0.5 * (np.arange(self._rooms) % 3 - 1)
-        return gain, opening, schedule[:, None] + offset
+        return gain, opening, schedule[:, None] + 0.5 * (np.arange(self._rooms) % 3 - 1)

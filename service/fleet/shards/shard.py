@@ -150,8 +150,7 @@ class _Work:
             await work.runtime.restore()
             work.runtime.start_zones()
             await work.site.feed()
-            watching = asyncio.create_task(work.outbox.watch())
-            undo.push_async_callback(end, [watching])
+            undo.push_async_callback(end, [asyncio.create_task(work.outbox.watch())])
             work.runtime.broken.add_done_callback(_broken)
             work._rest = undo.pop_all()
         return work

@@ -192,8 +192,7 @@ async def test_a_refused_object_loses_its_channel_only_and_is_asked_for_again(ca
     port, peer = one_device()
     bms = source(port, [channel(), channel("two", "analog-input,2")])
     async with serving(peer), aclosing(bms.batches(None)) as stream:
-        first = await anext(stream)
-        assert values([first]) == {"z/T": 21.5, "z/two": Fault.REFUSED_BY_DEVICE}
+        assert values([await anext(stream)]) == {"z/T": 21.5, "z/two": Fault.REFUSED_BY_DEVICE}
         for _ in range(4):
             (reading,) = (await anext(stream)).readings
             assert reading.channel == "z/T"
@@ -432,8 +431,7 @@ async def test_scan_goes_on_after_a_device_that_does_not_say_how_many_objects_it
 
 
 def test_without_the_library_or_a_way_to_find_devices_check_says_so(monkeypatch):
-    bms = source(47808, [channel()], interface="192.0.2.1")
-    assert bms.check() == [
+    assert source(47808, [channel()], interface="192.0.2.1").check() == [
         "sources.bms: nobody can be asked where device 1201 is: give interface its prefix, such as interface = "
         '"192.0.2.1/24", or give bbmd, or say at which address each device is'
     ]

@@ -64,8 +64,7 @@ def values(csv_source, start=None):
 def test_files_as_loggers_write_them(tmp_path, name, text, settings):
     if settings.get("decimal") == ",":
         settings = settings | {"format": "%d.%m.%Y %H:%M", "zone": "Europe/Berlin"}
-    path = write(tmp_path / name, text, settings.get("encoding", "utf-8"))
-    windows = source(path, **settings)
+    windows = source(write(tmp_path / name, text, settings.get("encoding", "utf-8")), **settings)
     assert windows.check() == []
     assert values(windows) == [(utc("2025-05-03"), 20.5)]
 
@@ -145,8 +144,7 @@ def test_files_follow_one_another_and_the_clock_never_goes_back(tmp_path):
 
 def test_start_skips_what_came_before_in_every_file(tmp_path):
     first = write(tmp_path / "a.csv", "t,T\nx,9\n10,1\nx,9\n20,2\nx,9\n")
-    second = write(tmp_path / "b.csv", "t,T\n25,3\n")
-    told = source(first, second, format="epoch")
+    told = source(first, write(tmp_path / "b.csv", "t,T\n25,3\n"), format="epoch")
     assert [reading.time for reading in readings(told, 20.0)][0::2] == [20.0, 25.0]
     assert values(told, 20.5) == [(25.0, 3.0)]
     assert values(told, 26.0) == []

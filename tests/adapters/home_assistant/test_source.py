@@ -80,8 +80,7 @@ def test_a_thermostat_that_cools_does_not_heat(tmp_path):
 
 def test_a_meter_becomes_power_from_one_change_to_the_next(tmp_path):
     rows = [(0, "sensor.energy", "10.0"), (3600, "sensor.energy", "10.5"), (7200, "sensor.energy", "12.5")]
-    path = database(tmp_path / "db", rows)
-    found = readings(path, ("sensor.energy",), unit="kWh", to="W")
+    found = readings(database(tmp_path / "db", rows), ("sensor.energy",), unit="kWh", to="W")
     assert found == [(0, pytest.approx(500.0)), (3600, pytest.approx(2000.0))]
 
 

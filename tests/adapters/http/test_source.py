@@ -40,8 +40,7 @@ def names(readings: list[Reading]) -> list[str]:
     ],
 )
 def test_a_line_means_the_channels_whose_measurement_field_and_tags_it_has(line: str, channels: list[str]) -> None:
-    received = source().receive(list(from_lines(line, "ns")), None, NOW)
-    assert names(received.readings) == channels
+    assert names(source().receive(list(from_lines(line, "ns")), None, NOW).readings) == channels
 
 
 @pytest.mark.parametrize(

@@ -80,8 +80,7 @@ def test_a_register_that_is_a_number_of_a_list_from_40001_on():
 )
 def test_a_counter_is_read_twice(order, before, after, verdict):
     def read(value, when):
-        low_first = words(">I", value)[::-1]
-        return Answer(low_first, when)
+        return Answer(words(">I", value)[::-1], when)
 
     table = source_table("modbus", host="127.0.0.1", first_register=0)
     meter = ModbusChannel(bound(table, "z/u_heat", register=0, **METER | {"type": "uint32", "order": order}), table)

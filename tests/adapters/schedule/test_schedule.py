@@ -43,8 +43,7 @@ async def test_a_zone_takes_its_set_points_from_it(tmp_path):
     hours = {"kind": "schedule", "time_zone": "Europe/Berlin", "days": [every]}
     setpoint = {"source": "hours", "unit": "degF"}
     zone = sites.zone("room", "posted", {name: {} for name in sites.UNITS}, setpoint=setpoint)
-    path = sites.written(tmp_path, {"posted": {"kind": "http"}, "hours": hours}, [zone])
-    config = load(path)
+    config = load(sites.written(tmp_path, {"posted": {"kind": "http"}, "hours": hours}, [zone]))
     (zone,) = config.zones
     times = np.array([datetime.fromisoformat(f"2025-07-01T{hour}:00+02:00").timestamp() for hour in ("05:59", "06:00")])
     assert zone.setpoint.foreknown(times) == pytest.approx([50 / 3, 190 / 9])

@@ -66,8 +66,7 @@ def prometheus(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def influxdb(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("influxdb")
-    with influx.server(folder, free_port()) as table:
+    with influx.server(tmp_path_factory.mktemp("influxdb"), free_port()) as table:
         lines = [
             f"degC,room={room} value={level + 0.01 * minute:.2f} {BEGIN + 60 * minute}"
             for room, level in (("101", 20.0), ("102", 22.0))

@@ -93,12 +93,11 @@ def test_a_document_that_is_none_is_refused_in_one_sentence(content: bytes, word
 def test_a_series_is_averaged_over_intervals_as_its_values_mean() -> None:
     times, values = NOON + 3600.0 * np.arange(3), np.array([0.0, 10.0, 30.0])
     starts = NOON + 1800.0 * np.arange(-1, 5)
-    means = {
+    for name, expected in {
         "instant": [np.nan, 2.5, 7.5, 15.0, 25.0, np.nan],
         "preceding": [np.nan, 10.0, 10.0, 30.0, 30.0, np.nan],
         "following": [np.nan, 0.0, 0.0, 10.0, 10.0, 30.0],
-    }
-    for name, expected in means.items():
+    }.items():
         found = WeatherSeries(times, values, "", name).interval_means(starts, 1800.0)
         assert np.array_equal(found, expected, equal_nan=True), name
     assert np.isnan(WeatherSeries(times[:1], values[:1]).interval_means(starts, 1800.0)).all()

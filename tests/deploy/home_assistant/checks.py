@@ -174,8 +174,7 @@ async def test_a_daemon_that_does_not_do(hass: HomeAssistant, monkeypatch: pytes
 
 
 async def test_a_zone_is_pasted_and_the_daemon_takes_it(hass: HomeAssistant) -> None:
-    room = ROOM | {"zone": "attic", "heating": "sensor.valve", "power": 800}
-    shown = await begin(hass, room)
+    shown = await begin(hass, ROOM | {"zone": "attic", "heating": "sensor.valve", "power": 800})
     shown = await told(hass, shown, DAEMON)
     assert shown["errors"] == {"base": "zone_unknown"}
     assert shown["description_placeholders"]["problem"] == "attic/T_i, attic/T_out, attic/u_heat"
@@ -200,8 +199,7 @@ async def test_a_zone_is_pasted_and_the_daemon_takes_it(hass: HomeAssistant) -> 
     assert entry.options["rooms"].keys() == {"attic", "living"}
     await until(hass, lambda: known(hass, "state"))
     # A room whose device is deleted is given up.
-    devices = device_registry.async_get(hass)
-    device = devices.async_get_device({(DOMAIN, "home/attic")})
+    device = device_registry.async_get(hass).async_get_device({(DOMAIN, "home/attic")})
     assert await async_remove_config_entry_device(hass, entry, device)
     await hass.async_block_till_done()
     assert entry.options["rooms"].keys() == {"living"}
@@ -274,8 +272,7 @@ async def test_fahrenheit(hass: HomeAssistant) -> None:
         "climate.living", "heat", {"current_temperature": 68.0, "temperature": 70.7, "hvac_action": "heating"}
     )
     hass.states.async_set("sensor.outdoor", "41", {"unit_of_measurement": "°F"})
-    entry = await connected(hass)
-    room = coordinator(hass, entry).rooms["living"]
+    room = coordinator(hass, await connected(hass)).rooms["living"]
     assert room.values(hass) == pytest.approx({"T_i": 20.0, "setpoint": 21.5, "T_out": 5.0, "u_heat": 6000.0})
     assert room.history(hass).count('"degF"') == 3
     await until(hass, lambda: known(hass, "forecast_1h_ahead"))
@@ -300,8 +297,7 @@ async def test_the_heat(
 ) -> None:
     if heating:
         hass.states.async_set(heating, state, attributes)
-    room = Room("living", "climate.living", heating, 6000.0)
-    assert room.values(hass).get("u_heat") == watts
+    assert Room("living", "climate.living", heating, 6000.0).values(hass).get("u_heat") == watts
 
 
 @pytest.mark.parametrize(("unit", "known"), [("MW", True), ("mW", False)])

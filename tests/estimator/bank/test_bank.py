@@ -179,8 +179,7 @@ def test_a_sample_without_a_measurement_brings_no_lost_member_back():
 @pytest.mark.parametrize("minutes", [10, 30, 45, 120, 360])
 def test_forecasts_hours_ahead_stand_for_the_time_between_two_of_them(minutes):
     bank = bank_of({"one": SomeForecaster(0.0, 0.0, NOISE)}, period=60.0 * minutes, discount=1.0)
-    steps = 8 * 24 * 60 // minutes
-    state, _, _ = played(bank, samples(steps))
+    state, _, _ = played(bank, samples(8 * 24 * 60 // minutes))
     np.testing.assert_allclose(state.costs.hours, 8 * 24.0 - np.array(bank.leads) * minutes / 60.0, atol=12.0)
 
 
@@ -240,8 +239,7 @@ def test_a_wild_member_does_not_spoil_the_first_forecasts_and_is_heard_once_it_h
 
 def test_pending_forecasts_from_before_members_were_held_together_come_true():
     bank = small_bank()
-    state = walked(bank, started(bank), 0, 60)
-    arrays = bank.pack(state)
+    arrays = bank.pack(walked(bank, started(bank), 0, 60))
     arrays["pending.note"] = arrays["pending.note"][:, :-1]
     back = bank.unpack(arrays)
     assert all(np.isinf(issue.note[-1]).all() for issue in back.pending.issues)
@@ -328,8 +326,7 @@ def test_several_outputs_are_published_and_learned_from():
     state = walked(bank, started(bank, 2), 0, 60, outputs=2)
     half = bank.update(bank.predict(state, np.array([5.0, 0.0, 0.0])), np.array([np.nan, 20.0]))
     assert half.outcome is Outcome.ASSIMILATED
-    fan = unfolded(bank, half.state, np.tile([5.0, 0.0, 0.0], (10, 1)))
-    for mixture in fan:
+    for mixture in unfolded(bank, half.state, np.tile([5.0, 0.0, 0.0], (10, 1))):
         assert mixture.means.shape[0] == 2
         for output in (0, 1):
             lower, upper = mixture.quantiles(np.array([0.025, 0.975]), output)

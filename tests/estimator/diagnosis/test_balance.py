@@ -48,8 +48,7 @@ def nominal(net):
 
 
 def true_loss(net):
-    matrices = assemble(net, theta_vector(net))
-    return float(heat_loss(matrices, net.nodes.index(net.measured[0]))[0])
+    return float(heat_loss(assemble(net, theta_vector(net)), net.nodes.index(net.measured[0]))[0])
 
 
 @pytest.mark.parametrize(("net", "power"), [(SUNNY, 900.0), (NEIGHBOURED, 600.0)])

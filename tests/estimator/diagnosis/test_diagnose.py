@@ -114,8 +114,7 @@ def test_members_that_are_sure_of_different_values_disagree():
     mean = second.mean.copy()
     mean[2] += 0.5
     sure = (first._replace(root=0.01 * first.root), second._replace(mean=mean, root=0.01 * second.root))
-    apart = state._replace(members=sure)
-    found = disagreement(estimator, apart, (0.025, 0.5, 0.975))
+    found = disagreement(estimator, state._replace(members=sure), (0.025, 0.5, 0.975))
     assert not calm
     told = {finding.subject: finding.sentence for finding in found if finding.finding == MEMBERS_DISAGREE}
     assert re.fullmatch(
@@ -142,8 +141,7 @@ def test_the_weights_of_variants_add_up_and_black_boxes_are_told_apart():
 
 
 def test_black_boxes_that_begin_with_most_of_the_weight_are_no_finding():
-    members = {**MEMBERS, "blind": {"estimator": "arx", "prior": 100.0}}
-    estimator = bank(members=members)
+    estimator = bank(members={**MEMBERS, "blind": {"estimator": "arx", "prior": 100.0}})
     state = estimator.start(1, np.array([20.0]), np.zeros(len(estimator.network.inputs)))
     assert estimator.member_weights(state)["blind"][estimator.compared] > 0.9
     assert carried(estimator, state) == []

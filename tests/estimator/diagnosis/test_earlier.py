@@ -72,13 +72,11 @@ OTHER = Suspicion(UNIT_CHANGED, 1, 3.5 * DAYS)
     ],
 )
 def test_nothing_is_believed_while_something_is_suspected(before, now, day, since):
-    found = doubtful_since(before, now, day * DAYS)
-    assert found == (None if since is None else since * DAYS)
+    assert doubtful_since(before, now, day * DAYS) == (None if since is None else since * DAYS)
 
 
 def test_a_zone_goes_back_when_a_suspicion_begins_or_ends_and_not_while_it_stands():
-    later = STOOD._replace(since=3.0 * DAYS)
-    assert not differ([STOOD], [later])
+    assert not differ([STOOD], [STOOD._replace(since=3.0 * DAYS)])
     assert not differ([], [])
     assert differ([], [STOOD])
     assert differ([STOOD, OTHER], [STOOD])

@@ -110,8 +110,7 @@ def test_a_party_before_the_set_point_is_raised_is_no_jump():
 def test_noise_of_a_heater_that_is_off_is_no_other_unit(rows, off):
     told = rows[: CLEAN + LYING].copy()
     told[off, 2] = np.random.default_rng(4).uniform(0.03, 0.13, len(told[off]))
-    names = {one.name for _, stood in watched(told, CLEAN) for one in stood}
-    assert UNIT_CHANGED not in names
+    assert UNIT_CHANGED not in {one.name for _, stood in watched(told, CLEAN) for one in stood}
 
 
 @pytest.mark.parametrize("lie", ["stuck", "spikes", "outdoor stuck", "outdoor flipped", "kW", "sign", "dead"])

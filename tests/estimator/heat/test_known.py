@@ -127,12 +127,10 @@ def test_a_long_interval_holds_the_mean_of_the_short_ones():
 def test_under_a_clear_sky_a_zone_without_a_sensor_knows_what_one_would_measure():
     times = JUNE + 600.0 * np.arange(144)
     sensed = with_known_heat(ROOM, sun="facades", location=PLACE)
-    dark = automatic(["T_i", "T_out", "u_heat"])
-    clear = with_known_heat(dark, sun="clear-sky", location=PLACE)
+    clear = with_known_heat(automatic(["T_i", "T_out", "u_heat"]), sun="clear-sky", location=PLACE)
     inputs = np.column_stack([np.full(144, 10.0), np.full(144, 500.0)])
     found = KnownHeat(clear, 600.0, calendar, PLACE).drive(times, inputs)
-    position = sun(times[:, None] + 300.0, PLACE)
-    measured = np.column_stack([inputs, clear_sky(position)])
+    measured = np.column_stack([inputs, clear_sky(sun(times[:, None] + 300.0, PLACE))])
     known = KnownHeat(sensed, 600.0, calendar, PLACE).drive(times, measured)
     assert {term.name for term in clear.terms} == {term.name for term in sensed.terms}
     for term in clear.terms:

@@ -254,8 +254,7 @@ def test_scenarios_are_distributed_as_the_prediction(preset):
 
 
 def test_one_of_two_outputs_may_be_missing():
-    net = two_rooms()
-    estimator = build("mkf", net, PERIOD, {"particles": 32})
+    estimator = build("mkf", two_rooms(), PERIOD, {"particles": 32})
     state = estimator.predict(estimator.start(1, np.array([20.0, 18.0]), np.zeros(3)), np.zeros(3))
     posterior = estimator.update(state, np.array([np.nan, 18.1]))
     assert np.isfinite(posterior.log_likelihood)
@@ -301,7 +300,6 @@ def test_it_finds_the_sun_of_the_facades_and_the_habits_of_people():
         at = [term.name for term in net.terms].index(name)
         assert abs(found[at] - value) < (0.5 if net.terms[at].unit == "m2" else 100.0)
     # What its draws say is what its own futures are: the coefficients are in the matrices too.
-    drawn = estimator.draws(state, 200)
-    path = mean_path(of_draws(drawn, PERIOD, 1), drive[:144])
+    path = mean_path(of_draws(estimator.draws(state, 200), PERIOD, 1), drive[:144])
     futures = estimator.scenarios(state, drive[:144], 200).mean(axis=0)
     np.testing.assert_allclose(path, futures, atol=0.1)

@@ -56,8 +56,7 @@ def test_draws_lie_about_the_fact_and_an_unknown_area_makes_them_wider(area, spr
     assert drawn.mean() == pytest.approx(np.log(1.65e5 * (area or TYPICAL_AREA)), abs=4 * spread / np.sqrt(4000))
     assert drawn.std() == pytest.approx(spread, rel=4 / np.sqrt(2 * 4000))
     assert space.prior_variance[row] == pytest.approx(spread**2)
-    share = space.from_uniform(place, 0.5)[row]
-    assert share.std() == pytest.approx(0.5 * spread, rel=0.1)
+    assert space.from_uniform(place, 0.5)[row].std() == pytest.approx(0.5 * spread, rel=0.1)
 
 
 def test_what_lies_beyond_the_bounds_counts_as_the_bound():

@@ -67,8 +67,7 @@ def test_two_layers_with_a_stiff_joint_lose_as_much_as_one():
 
 
 def test_direct_heat_is_a_share_of_all_heat():
-    own = network("titethria")
-    split = with_direct_heat(own)
+    split = with_direct_heat(network("titethria"))
     heat = assemble(split, middle(split, f_direct=0.25)).inputs[0, :, split.inputs.index("u_heat")]
     assert dict(zip(split.nodes, heat, strict=True)) == {"T_i": 0.25, "T_e": 0.0, "T_h": 0.75}
 

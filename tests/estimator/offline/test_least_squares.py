@@ -128,8 +128,7 @@ def test_darkgreybox_demo_is_fitted_as_well_as_by_its_authors():
     for parameter in net.parameters:
         lower, upper = (1e6, 1e12) if parameter.unit == "J/K" else (10.0, 1e6)
         net = net.with_parameter(parameter.name, lower=lower, upper=upper, nominal=None)
-    known = [Segment(inputs[:672], outputs[:672])]
-    fit = fit_open_loop(net, 3600.0, known, starts=12)
+    fit = fit_open_loop(net, 3600.0, [Segment(inputs[:672], outputs[:672])], starts=12)
     assert fit.rmse < 0.372
     everywhere = replace(net, measured=net.nodes)
     states = simulate_open_loop(everywhere, fit.theta, fit.initial_states[0], inputs[:673], 3600.0)

@@ -30,8 +30,7 @@ def test_with_known_parameters_and_volatility_it_is_the_kalman_filter(implementa
     frozen = {"volatility_sd": 0.0, "alpha_initial_sd": 0.0, "jump_probability": 0.0, "particles": 50}
     chosen = frozen | {"measurement_sd": 0.15, "process_sd": 0.03, "implementation": implementation}
     estimator = build("rbpf", net, PERIOD, chosen)
-    rng = np.random.default_rng(1)
-    outputs = 20 + rng.normal(size=(30, len(measured)))
+    outputs = 20 + np.random.default_rng(1).normal(size=(30, len(measured)))
     outputs[0] = 20.0
     outputs[5] = np.nan
     outputs[9, -1] = np.nan
@@ -122,8 +121,7 @@ def test_an_impossible_sample_keeps_the_prior_and_is_flagged():
 
 
 def test_no_output_no_learning():
-    outputs = np.array([[20.0], [20.1], [np.nan]])
-    estimator, posteriors = filtered({}, outputs)
+    estimator, posteriors = filtered({}, np.array([[20.0], [20.1], [np.nan]]))
     assert posteriors[1].outcome is Outcome.MISSING
     predicted = estimator.predict(posteriors[0].state, INPUTS)
     for name, left, right in zip(predicted._fields, predicted, posteriors[1].state, strict=True):

@@ -104,8 +104,7 @@ def test_mean_and_covariance_are_those_of_the_forecast(name):
 
 def test_an_mkf_knows_the_gain_in_watts():
     estimator, state = learned("mkf")
-    draws = estimator.draws(state, 100)
-    models = of_draws(draws, PERIOD, 3)
+    models = of_draws(estimator.draws(state, 100), PERIOD, 3)
     assert models.a.shape == (100, 4, 4)
     assert models.state.shape == (100, 4)
     # Some of it is left after a step, it warms the room, and nothing measured heats it.
@@ -128,15 +127,12 @@ def test_sampled_futures_spread_as_the_fan_does_and_repeat(name):
     # is linear.
     if name != "mkf":
         assert 0.5 < first[:, -1, 0].std() / sd[-1, 0] < 2.0
-    other = sampled_paths(draws, PERIOD, plan, 6, 60)
-    assert not np.array_equal(first, other)
+    assert not np.array_equal(first, sampled_paths(draws, PERIOD, plan, 6, 60))
 
 
 def test_a_gain_that_ends_with_every_step_leaves_the_futures_alone():
     estimator, state = learned("mkf", options={"particles": 40, "gain_off_probability": 1.0})
-    draws = estimator.draws(state, 100)
-    paths = sampled_paths(draws, PERIOD, plan_of(6), 5, 60)
-    assert np.isfinite(paths).all()
+    assert np.isfinite(sampled_paths(estimator.draws(state, 100), PERIOD, plan_of(6), 5, 60)).all()
 
 
 def test_rooms_that_share_a_wall_are_simulated_together():

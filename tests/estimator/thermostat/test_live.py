@@ -281,9 +281,7 @@ def test_guesses_are_as_now_yesterday_last_week_and_usual_by_kind_of_day():
         day = moment // 86400
         return float(day) + 100.0 * ((day + 3) % 7 >= 5)
 
-    memory = told_every_hour(11, setpoint)
-    begin = 11 * 86400
-    found = guesses(memory, 33.0, begin + 3600.0 * np.arange(48))
+    found = guesses(told_every_hour(11, setpoint), 33.0, 11 * 86400 + 3600.0 * np.arange(48))
     assert (found[0] == 33.0).all()
     assert set(found[1]) == {setpoint(10 * 86400)}
     assert found[2].tolist() == [setpoint(4 * 86400)] * 24 + [setpoint(5 * 86400)] * 24

@@ -223,8 +223,7 @@ def test_a_relay_that_switches_within_an_interval_has_the_narrow_band_that_it_ke
             excess = air - setpoint
             on = excess < 0.0 if abs(excess) > 0.2 else on
             given.append(6000.0 * on)
-            loss = 120.0 * (air - memory.inputs[k, 0])
-            air += 60.0 * (given[-1] - loss) / 5e5
+            air += 60.0 * (given[-1] - 120.0 * (air - memory.inputs[k, 0])) / 5e5
         heat.append(np.mean(given))
     inputs = np.column_stack([memory.inputs[:, 0], heat])
     before = np.vstack([inputs[:1], inputs[:-1]])

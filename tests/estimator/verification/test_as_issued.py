@@ -92,8 +92,7 @@ def test_a_missing_measurement_is_no_error_and_a_gap_ends_what_was_waiting():
 def test_what_waits_is_kept_with_the_same_bits():
     loop = loop_of()
     issued = lived(loop, 3 * DAY)[-1][0].standing.issued
-    packed = loop.as_issued.pack(issued)
-    again = loop.as_issued.unpack(packed)
+    again = loop.as_issued.unpack(loop.as_issued.pack(issued))
     for part, other in zip((*issued.waiting, *issued.book), (*again.waiting, *again.book), strict=True):
         assert part.dtype == other.dtype
         assert part.tobytes() == other.tobytes()

@@ -36,8 +36,7 @@ def test_what_is_due_is_the_forecast_of_its_moment():
     for step, due, _ in duties:
         for one in due:
             issued = step - one.lead + 1
-            plan = np.array(inputs[issued:step])
-            *_, expected = unfolded(EKF, states[issued - 1], plan)
+            *_, expected = unfolded(EKF, states[issued - 1], np.array(inputs[issued:step]))
             assert one.mixtures[0].mean()[0] == pytest.approx(expected.mean()[0], rel=1e-12)
             assert one.mixtures[0].sd()[0] == pytest.approx(expected.sd()[0], rel=1e-12)
             seen[one.lead] = seen.get(one.lead, 0) + 1

@@ -65,5 +65,4 @@ def test_the_distribution_of_a_mixture_is_that_of_its_parts():
 
 
 def test_a_score_is_finite_far_away():
-    mixture = Mixture(np.ones(1), np.array([[20.0]]), np.array([[0.01]]))
-    assert math.isfinite(crps(mixture, 0, 1e6))
+    assert math.isfinite(crps(Mixture(np.ones(1), np.array([[20.0]]), np.array([[0.01]])), 0, 1e6))

@@ -56,8 +56,7 @@ async def value(link: BacnetLink, device: Device, object: ObjectId = AIR) -> flo
 
 def test_every_channel_is_an_object_with_the_plants_value_and_unit() -> None:
     async def job(link: BacnetLink, plant: Simulation, port: int) -> None:
-        source = network(port, timeout=1.0).build("bms", [])
-        found = await source.scan(Scan(seconds=1.0))
+        found = await network(port, timeout=1.0).build("bms", []).scan(Scan(seconds=1.0))
         listed = {(row[0], row[2]): row for row in found.rows[1:]}
         expected = {
             (str(FIRST_INSTANCE + device.unit_id), f"{kind},{number}"): channel
@@ -140,8 +139,7 @@ async def test_nothing_can_be_written() -> None:
     from bacpypes3.primitivedata import ObjectIdentifier
     from support.bacnet_plant import Peer
 
-    plant = simulation(Clock())
-    server = await BacnetServer.start(plant, 0)
+    server = await BacnetServer.start(simulation(Clock()), 0)
     stranger = Peer(77, server.port)
     await stranger.open()
     what = ObjectIdentifier(("analog-input", 1))

@@ -17,8 +17,7 @@ def test_the_state_is_the_truth() -> None:
 
 
 def test_a_fault_is_switched_on_shown_and_switched_off() -> None:
-    clock = Clock()
-    plant = simulation(clock)
+    plant = simulation(Clock())
     body = {"kind": "drift", "device": "room1", "channel": "T_air", "value": 0.5, "for": "5min"}
     switched, listed = ask(plant, ("POST", "/faults", body), ("GET", "/faults", None))
     assert switched.status_code == 201

@@ -54,8 +54,7 @@ async def test_what_is_read_is_the_truth_within_noise_and_resolution(client, pla
     weather = await words(client, "holding", 10, 4, 1)
     (fahrenheit,) = struct.unpack("<d", b"".join(word.to_bytes(2, "big") for word in weather))
     assert (fahrenheit - 32) / 1.8 == pytest.approx(now.outdoor, abs=0.2)
-    relay = (await client.read_coils(0, count=1, device_id=11)).bits[0]
-    assert relay == (now.power[0] > 0)
+    assert (await client.read_coils(0, count=1, device_id=11)).bits[0] == (now.power[0] > 0)
     assert (await client.read_discrete_inputs(3, count=1, device_id=13)).bits[0] is True
 
 
@@ -75,8 +74,7 @@ def test_a_building_that_is_behind_says_how_far_and_catches_up() -> None:
     clock = Clock()
     plant = simulation(clock)
     clock.now += 120
-    behind = plant.catch_up()
-    assert behind == 120 * 60 - plant.world.elapsed > 0
+    assert plant.catch_up() == 120 * 60 - plant.world.elapsed > 0
     assert plant.catch_up() == 0
     assert plant.world.elapsed == 120 * 60
 

@@ -66,8 +66,7 @@ def test_the_same_seed_lives_the_same_life_and_another_does_not() -> None:
 
 
 def test_thermostats_hold_the_set_point_by_day_and_lower_it_by_night() -> None:
-    world = World(design(4, 1), 1)
-    snapshots = lived(world, 24 - BEGIN / HOUR)
+    snapshots = lived(World(design(4, 1), 1), 24 - BEGIN / HOUR)
     hours = np.array([(snapshot.time - FIRST_MIDNIGHT) / HOUR for snapshot in snapshots])
     excess = np.array([snapshot.air - snapshot.set_point for snapshot in snapshots])
     afternoon = excess[(hours > 10) & (hours < 19)]

@@ -61,8 +61,7 @@ def test_a_relay_reads_as_the_power_behind_it_and_a_neighbour_as_a_boundary() ->
 
 def test_changes_from_the_command_line_are_written(tmp_path: Path) -> None:
     plant, path = simulation(Clock()), tmp_path / "bms.toml"
-    changes = ["http.port=0", "zones.room2.estimator_options.particles=100"]
-    write_config(path, plant, 5020, changes)
+    write_config(path, plant, 5020, ["http.port=0", "zones.room2.estimator_options.particles=100"])
     config = load(path)
     assert config.http.port == 0
     assert config.zones[1].estimator_options["particles"] == 100

@@ -34,8 +34,7 @@ def test_on_off_heating_has_a_hysteresis() -> None:
 
 
 def test_the_plan_does_not_look_at_the_room_unless_it_becomes_unbearable() -> None:
-    rated = np.array([4000.0, 3000.0])
-    plan = Planned(rated, 1)
+    plan = Planned(np.array([4000.0, 3000.0]), 1)
     times = MONDAY * DAY + np.arange(0, 21 * DAY, 1800.0)
     cool, warm = (
         np.array([plan(t, np.full(2, air), np.full(2, set_point)) for t in times])

@@ -57,8 +57,7 @@ def test_rows_are_five_minutes_apart_over_new_year_with_the_sun_of_their_step_an
 def test_the_heat_loss_is_that_of_the_layers() -> None:
     """Against U-values by hand: layers in series between the usual resistances of the air (ISO 6946)."""
     building = BUILDINGS["house"]
-    denver = weather_file("denver", weather_folder())
-    found = heat_loss(building, denver, outdoor=0.0, wind=3.4)
+    found = heat_loss(building, weather_file("denver", weather_folder()), outdoor=0.0, wind=3.4)
     for index, room in enumerate(building.rooms):
         dx, dy, dz = room.size
         areas = dict.fromkeys(("south", "north"), dx * dz) | dict.fromkeys(("east", "west"), dy * dz)
@@ -77,8 +76,7 @@ def test_the_heat_loss_is_that_of_the_layers() -> None:
     np.testing.assert_allclose(found.between, found.between.T, rtol=0.1, atol=0.5)
     assert np.all(np.diag(found.between) == 0.0)
     for index in range(len(building.rooms)):
-        near = building.neighbours(index)
-        assert np.all(found.between[index, list(near)] > 10.0)
+        assert np.all(found.between[index, list(building.neighbours(index))] > 10.0)
 
 
 @pytest.fixture(scope="module")

@@ -199,8 +199,7 @@ def test_a_network_that_needs_less_says_which_channel_goes(
         return [r._replace(candidates=[c for c in r.candidates if not c.solar][:1]) for r in recordings(request)]
 
     monkeypatch.setattr("replay.experiments.topology.experiment.recordings", without_sun)
-    config = EXAMPLES / "flexhouse.toml"
-    assert experiment(tmp_path, "--config", str(config)) == 0
+    assert experiment(tmp_path, "--config", str(EXAMPLES / "flexhouse.toml")) == 0
     out = capsys.readouterr().out
     assert "# It does not use I_sol: remove that from the zone's channels." in out
     assert "To be changed as well" not in out

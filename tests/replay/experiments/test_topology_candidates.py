@@ -72,8 +72,7 @@ def test_sun_in_the_own_network_makes_twins_with_and_without() -> None:
 
 
 def test_without_a_heater_no_candidate_has_a_heater_node() -> None:
-    own = replace(presets.network("tite"), heat_inputs=())
-    found = candidates_for(own)
+    found = candidates_for(replace(presets.network("tite"), heat_inputs=()))
     assert all("T_h" not in c.network.nodes and not c.network.heat_inputs for c in found)
     assert [c.label for c in found] == [OWN, "M1", "M6", "M7", "M8"]
 

@@ -140,8 +140,7 @@ def test_a_run_that_was_interrupted_goes_on_with_the_same_bits(whole, tmp_path):
     learned(folder, end=samples[100].time)
     # The process was killed after the journal had the samples and before the checkpoints were written.
     shutil.rmtree(folder / "state" / "checkpoints")
-    result = learned(folder)
-    assert result.known == {"room": 100}
+    assert learned(folder).known == {"room": 100}
     assert same_samples(state_of(folder), state_of(whole[0]))
     assert_same(state_of(folder)[3], state_of(whole[0])[3])
 
@@ -154,8 +153,7 @@ def test_a_zone_that_learned_from_a_mistake_is_reset(whole, tmp_path):
 
 
 def test_what_the_recording_holds_is_told_before_the_work(tmp_path):
-    config = load_history(*written(tmp_path))
-    (history,) = surveyed(config).values()
+    (history,) = surveyed(load_history(*written(tmp_path))).values()
     text = history.described
     assert text.startswith(f"zone 'room': {len(history.recorded.samples)} samples from 20")
     assert "measured in 100 %" in text
@@ -260,8 +258,7 @@ def test_a_new_zone_begins_with_what_the_others_have_learned(site, tmp_path):
         shutil.copytree(site, tmp_path / name)
     taught = learned_next_door(tmp_path / "taught", changes=TAUGHT)
     alone = learned_next_door(tmp_path / "alone")
-    began = [name for name in taught.arrays if name.startswith("began.")]
-    assert began
+    assert [name for name in taught.arrays if name.startswith("began.")]
     assert not any(name.startswith("began.") for name in alone.arrays)
     assert not np.array_equal(taught.arrays["estimator.mean"], alone.arrays["estimator.mean"])
 

@@ -36,8 +36,7 @@ def page(tmp_path_factory):
 
 
 def test_plots_are_drawn_when_they_come_near_and_nothing_is_fetched(page):
-    drawn = "document.querySelectorAll('.plot .main-svg').length > 0"
-    page.wait_for_function(drawn)
+    page.wait_for_function("document.querySelectorAll('.plot .main-svg').length > 0")
     waiting = "document.querySelectorAll('.plot > script').length"
     assert page.evaluate(waiting) > 7, "those of the second zone are far below"
     page.evaluate("dispatchEvent(new Event('beforeprint'))")

@@ -42,8 +42,7 @@ def test_numbers_have_three_digits(value: float, shown: str) -> None:
 
 
 def test_csv_has_every_digit_and_a_column_for_deviations() -> None:
-    rows = list(csv.reader(io.StringIO(TABLE.csv())))
-    assert rows == [
+    assert list(csv.reader(io.StringIO(TABLE.csv()))) == [
         ["estimator", "RMSE, K", "RMSE, K (sd)", "runs"],
         ["a | b", "2.0", "1.0", "3"],
         ["paper", "0.088", "", ""],

@@ -46,8 +46,7 @@ def config(state_dir, *settings):
 @pytest.fixture(scope="module")
 def replayed(tmp_path_factory):
     out = tmp_path_factory.mktemp("replayed")
-    traces = replay_recording(config(out / "state"), out, progress=False)
-    return out, traces
+    return out, replay_recording(config(out / "state"), out, progress=False)
 
 
 @pytest.fixture(scope="module")
@@ -212,8 +211,7 @@ def test_every_time_is_that_of_the_site(replayed, tmp_path):
         drawn.append(np.array(Page(page).plots[1]["data"][0]["x"][:2], dtype="datetime64[m]"))
     assert (drawn[1] - drawn[0] == np.timedelta64(9, "h")).all()
     assert "Times are those of Asia/Tokyo" in page
-    first = trace._replace(time_zone="Asia/Tokyo").moment(trace.rows[0].time)
-    assert first in page
+    assert trace._replace(time_zone="Asia/Tokyo").moment(trace.rows[0].time) in page
     assert trace.moment(trace.rows[0].time) not in page
 
 

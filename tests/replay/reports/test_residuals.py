@@ -73,8 +73,7 @@ def test_an_input_is_seen_at_its_lag():
     errors = white(2000)
     errors[4:] += 0.0005 * heat[:-4]  # in force from sample k - 4, so three steps before the last one
     found = diagnostics(trace(errors, inputs))
-    strongest = int(np.nanargmax(np.abs(found.against_inputs["u_heat"])))
-    assert strongest == 3
+    assert int(np.nanargmax(np.abs(found.against_inputs["u_heat"]))) == 3
     assert found.against_inputs["u_heat"][3] > 0.8
     assert np.abs(found.against_inputs["T_out"]).max() < 4.5 / np.sqrt(2000)
 
@@ -125,8 +124,7 @@ def test_intervals_that_do_not_fit_name_the_option():
 def test_residuals_with_structure_name_the_network_and_the_input():
     heat = np.repeat(white(40, 1.0, 2) > 0, 50) * 1000.0
     errors = white(2000, 0.05) + 0.0002 * (heat - heat.mean())
-    inputs = np.column_stack([white(2000, 1.0, 3), heat])
-    sentences = said(trace(errors, inputs, half=0.3))
+    sentences = said(trace(errors, np.column_stack([white(2000, 1.0, 3), heat]), half=0.3))
     assert any("An error of one step predicts the next" in sentence for sentence in sentences)
     assert any("The errors follow `u_heat`" in sentence for sentence in sentences)
     assert not any("`T_out`" in sentence for sentence in sentences)

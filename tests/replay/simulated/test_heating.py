@@ -11,14 +11,13 @@ START = np.array([20.0, 18.0, 20.0])
 
 
 def _loads(**changes: np.ndarray) -> Loads:
-    loads = Loads(
+    return Loads(
         set_point=np.full(SAMPLES, 20.0),
         forced=np.zeros((SAMPLES, 1), dtype=bool),
         gain=np.zeros(SAMPLES),
         opening=np.zeros(SAMPLES),
         noise=np.zeros((SAMPLES, 3)),
-    )
-    return loads._replace(**changes)  # type: ignore[arg-type]
+    )._replace(**changes)  # type: ignore[arg-type]
 
 
 def _run(loads: Loads, outdoor: float = 0.0) -> Heated:
@@ -41,7 +40,6 @@ def test_what_it_reports_reproduces_its_temperatures_in_open_loop() -> None:
 
 
 def test_forcing_overrides_the_thermostat_up_to_the_ceiling() -> None:
-    forced = np.ones((SAMPLES, 1), dtype=bool)
-    heated = _run(_loads(forced=forced), outdoor=15.0)
+    heated = _run(_loads(forced=np.ones((SAMPLES, 1), dtype=bool)), outdoor=15.0)
     assert 25.5 < heated.states[:, 0].max() < 27.0
     assert (heated.powers[heated.states[:, 0] >= 26.0] == 0).all()

@@ -47,8 +47,7 @@ def daemon(monkeypatch: pytest.MonkeyPatch, answer: Callable[..., Any] = lambda 
 
 def complaint(capsys: Capture) -> str:
     """The only line on stderr."""
-    shown = capsys.readouterr()
-    (line,) = shown.err.splitlines()
+    (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("thermogate: ")
     return line.removeprefix("thermogate: ")
 

@@ -17,8 +17,7 @@ Capture = pytest.CaptureFixture[str]
 
 def complaints(folder: Path, capsys: Capture, command: str = "check", **http: Any) -> list[str]:
     """What is said to `http`; nothing if it passes."""
-    config = write(folder, sound(folder) | {"http": http})
-    code = main([command, str(config)])
+    code = main([command, str(write(folder, sound(folder) | {"http": http}))])
     lines = [line.removeprefix("thermogate: ") for line in capsys.readouterr().err.splitlines()]
     assert (code, bool(lines)) in ((0, False), (2, True))
     return lines

@@ -128,8 +128,7 @@ async def test_members_that_are_not_wanted_any_more_are_stopped(
 ) -> None:
     steward = await begun(tmp_path, shards=3)
     await look(steward, 2)
-    done = await steward.go_over(load(small_site(tmp_path, shards=2, lease=LEASE)))
-    assert "on 2 shards" in done
+    assert "on 2 shards" in await steward.go_over(load(small_site(tmp_path, shards=2, lease=LEASE)))
     monkeypatch.setattr(peers, "nodes", lambda: {"fedcba9876543210": "10.0.0.2"})
     await look(steward)
     assert cluster.members == {"gateway-fedcba98", "shard-0", "shard-1"}

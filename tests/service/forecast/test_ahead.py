@@ -36,8 +36,7 @@ def test_horizons_and_fan_are_those_of_the_forecast_without_a_plan():
     asyncio.run(ahead.attend("nowhere"))
     (one,) = sink.told
     assert (one.occasion, one.topics) == (Occasion.STATUS, ("ahead", "status"))
-    update = zone.now().update
-    (published,) = update.forecast.outputs
+    (published,) = zone.now().update.forecast.outputs
     (found,) = told(sink)
     assert (found["level"], found["step_s"], found["quality"], found["heating"]) == (0.95, 1800.0, "good", None)
     (output,) = found["outputs"]

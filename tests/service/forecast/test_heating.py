@@ -198,6 +198,5 @@ def test_errors_of_zones_add_up_as_independent_ones_do():
 def test_zones_have_the_same_weather():
     # Each kind of weather brings its own amount, and nothing else differs.
     weather = np.arange(610) % 61
-    one = Amounts(weather[:, None] / 6.1, np.full((610, 1), 1 / 610), weather)
-    total = together([one] * 16)
+    total = together([Amounts(weather[:, None] / 6.1, np.full((610, 1), 1 / 610), weather)] * 16)
     assert total.upper - total.lower == pytest.approx(16 * 0.95 * 10.0, rel=0.05)

@@ -48,8 +48,7 @@ def test_matrices_have_the_measured_inputs_and_known_heat_beside_them(worker: Zo
     assert drawn is not None
     rows = worker.foresight.outlook(standing.update.forecast, standing.day, 3).rows
     times = standing.update.forecast.valid_time + PERIOD * np.arange(3.0)
-    whole = of_point(drawn, PERIOD, 1)
-    expected = mean_path(whole, worker.loop.driving(times, rows))[-1]
+    expected = mean_path(of_point(drawn, PERIOD, 1), worker.loop.driving(times, rows))[-1]
     state = model.mean.A @ model.mean.state + model.mean.B @ rows.mean(axis=0) + model.known_heat[0]
     # Inputs and known heat vary a little within the half hour.
     np.testing.assert_allclose(model.mean.C @ state, expected, atol=0.02)

@@ -72,8 +72,7 @@ def test_a_schedule_is_followed_although_no_day_before_was_like_it():
 
 
 def test_a_plan_in_watts_is_answered_in_watts():
-    off = mean(lived(), {"u_heat": 0.0})
-    assert off[-1] < 15.0
+    assert mean(lived(), {"u_heat": 0.0})[-1] < 15.0
     assert origin(lived(), {"u_heat": 0.0}) == "plan"
     # Who plans both means the watts: the set-point then has nothing that obeys it.
     with pytest.raises(NoLaw, match=r"T_set and the heat that obeys it \(u_heat\) are both planned; plan one of them"):
@@ -81,8 +80,7 @@ def test_a_plan_in_watts_is_answered_in_watts():
 
 
 def test_set_points_that_begin_later_are_the_likely_ones_before():
-    start = lived().latest.forecast.valid_time
-    late = Timed(np.array([start + 12 * 3600.0]), np.array([25.0]))
+    late = Timed(np.array([lived().latest.forecast.valid_time + 12 * 3600.0]), np.array([25.0]))
     plain, planned = mean(lived()), mean(lived(), {SET_POINTS: late})
     assert np.abs(planned[:20] - plain[:20]).max() < 0.7
     assert planned[-1] > 23.0

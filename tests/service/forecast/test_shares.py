@@ -104,8 +104,7 @@ def test_what_the_room_used_is_its_share_with_an_interval(alone, sharing):
     )
     assert np.isnan(own.lower)
     assert "95 %" not in own.sentence
-    learned = Shares.of(sharing)
-    assert shared.value == pytest.approx(own.value * METERED * learned.medians[1])
+    assert shared.value == pytest.approx(own.value * METERED * Shares.of(sharing).medians[1])
     assert shared.lower < own.value < shared.upper
     assert f"95 % between {shared.lower:.3g} and {shared.upper:.3g} kWh" in shared.sentence
 

@@ -37,5 +37,4 @@ def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("kind", ["mqtt", "influxdb"])
 def test_without_a_table_nothing_is_opened(kind: str, tmp_path: Path) -> None:
-    config = load(write(tmp_path, sound(tmp_path)))
-    assert SINK_KINDS[kind].open(config.table(kind), "htwg") is None
+    assert SINK_KINDS[kind].open(load(write(tmp_path, sound(tmp_path))).table(kind), "htwg") is None

@@ -34,8 +34,7 @@ def test_ordinary_telemetry_is_not_doubted():
     assert told() == []
     summer = 22.0 + 6.0 * np.sin(DAY)
     assert told(room=24.0 + 2.0 * np.sin(DAY), outdoors=summer) == []
-    gaps = np.where(HOURS % 3 == 0, ROOM, np.nan)
-    assert told(room=gaps) == []
+    assert told(room=np.where(HOURS % 3 == 0, ROOM, np.nan)) == []
 
 
 @pytest.mark.parametrize(

@@ -47,8 +47,7 @@ def test_what_is_changed_or_removed_later_is_found(folder: Path, damage: str) ->
 
 
 def test_a_line_cut_off_by_a_power_failure_takes_no_other_with_it(folder: Path) -> None:
-    content = (folder / TRAIL).read_bytes()
-    (folder / TRAIL).write_bytes(content[:-30])
+    (folder / TRAIL).write_bytes((folder / TRAIL).read_bytes()[:-30])
     note(folder, "key", "key 'two' is created")
     count, problems = broken_links(folder)
     assert count == 5

@@ -338,8 +338,7 @@ def test_checkpoints_and_journal_go_together(kept: Path, tmp_path: Path, monkeyp
         return steps
 
     monkeypatch.setattr(module, "_copy_checkpoints", copied)
-    out = write_backup(state, "house", tmp_path / "out.tar")
-    with tarfile.open(out.path) as archive:
+    with tarfile.open(write_backup(state, "house", tmp_path / "out.tar").path) as archive:
         assert "checkpoints/z/000000012600.npz" in archive.getnames(), "it was copied once more"
 
 

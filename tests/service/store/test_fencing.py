@@ -99,8 +99,7 @@ async def test_who_has_lost_a_zone_writes_nothing_to_it(shards: Shards, act: str
 
 async def test_a_zone_that_another_one_holds_is_neither_taken_nor_reset_nor_pruned(shards: Shards) -> None:
     stale = shards.store("shard-1")
-    other = shards.store("shard-2")
-    await filled(other)
+    await filled(shards.store("shard-2"))
     before = shards.everything()
     await stale.give_up("z")
     for attempt in (stale.claim("z", "f"), stale.forget("z")):
@@ -164,8 +163,7 @@ def test_a_lease_is_not_taken_in_the_middle_of_a_transaction_and_renewed_meanwhi
     writer = threading.Thread(target=lambda: store.database.transaction(work))
     writer.start()
     assert writing.wait(180)
-    renewed = shards.leases.renew(lease, LONG)
-    assert renewed.is_safe(), "renewing waits for nobody"
+    assert shards.leases.renew(lease, LONG).is_safe(), "renewing waits for nobody"
     shards.expire(lease)
     taken: list[Lease] = []
     other = Leases(shards.server.connection, shards.site)

@@ -340,14 +340,12 @@ def test_a_dump_is_a_backup(shards: Shards, tmp_path: Path) -> None:
         store = PostgresStore(restored, shards.site, leases.acquire("shard", "node", LONG))
         async with plumbing(tmp_path, announcer, store=store) as shared:
             zone = make(shared)
-            running = await fed(zone, items)
-            await finished(zone, running)
+            await finished(zone, await fed(zone, items))
             rows = len(await store.run(store.journal.history, "z", None, None, 100))
         return [comparable(update) for _, update in announcer.updates], rows
 
     announced, rows = asyncio.run(go_on())
     leases.close()
-    whole = straight(items)
-    assert announced == whole[-len(announced) :]
+    assert announced == straight(items)[-len(announced) :]
     assert len(announced) <= 26, "it went on from the dump and did not begin anew"
     assert rows == 40

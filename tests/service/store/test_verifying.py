@@ -44,8 +44,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_what_is_sound_is_counted(sound: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for path in (sound / "state", sound / "kept.tar"):
-        found = verify(path)
-        assert found == (2, 2 * STEPS, 2 * STEPS, 2, 0, ())
+        assert verify(path) == (2, 2 * STEPS, 2 * STEPS, 2, 0, ())
         assert main(["verify", str(path)]) == 0
         assert "sound; zones: 2, samples: 1200, rows of history: 1200, checkpoints: 2" in capsys.readouterr().out
     assert sorted(path.name for path in sound.iterdir()) == ["kept.tar", "state"]

@@ -67,8 +67,7 @@ def test_metrics_in_both_formats(app: FastAPI) -> None:
 def test_unknown_paths_and_methods_are_problems(app: FastAPI) -> None:
     assert "/docs" in problem(get(app, "/nowhere"), 404)["detail"]
     assert "/docs" in problem(get(app, "/static/nothing.js"), 404)["detail"]
-    answer = request(app, "DELETE", "/zones/living")
-    assert "does not take DELETE" in problem(answer, 405)["detail"]
+    assert "does not take DELETE" in problem(request(app, "DELETE", "/zones/living"), 405)["detail"]
     assert request(app, "OPTIONS", "/zones/living/forecast").headers["allow"] == "GET, POST", "all of a path's routes"
 
 

@@ -46,8 +46,7 @@ async def test_the_certificate_is_served_and_a_renewed_one_without_a_restart(tmp
         assert serial(kept) == old.issued.serial_number
         new = make_pair(tmp_path)
         server.reload()
-        fresh = await Client.to(server, trusting(new))
-        assert serial(fresh) == new.issued.serial_number
+        assert serial(await Client.to(server, trusting(new))) == new.issued.serial_number
         assert (await kept.ask()).status == 200, "open connections go on"
         knowing = trusting(new)
         new.certificate.write_text("")

@@ -76,8 +76,7 @@ async def test_the_stream_brings_expectations_and_sparkline_and_then_what_change
         assert living.spark is None, "the client has it"
         assert [one.lead_s for one in living.expected] == [3600.0, 21600.0]
         assert living.expected[0].lower < living.expected[0].mean < living.expected[0].upper
-        answer = objects((await ask(server, "/overview")).body)
-        spark = answer.zones[0].spark
+        spark = objects((await ask(server, "/overview")).body).zones[0].spark
         assert len(spark.values) <= 48
         assert spark.values[-1] == pytest.approx(zones["living"].updates[-1].y[0], abs=0.3)
         zones["living"].state = "failed"

@@ -54,8 +54,7 @@ def test_whatever_comes_samples_lie_on_the_grid_and_rise_in_time(rounds):
     assert all(time % PERIOD == 0 for time in times)
     silent = 0
     for sample in samples:
-        empty = all(quality is Quality.BAD for _, _, quality in cells(sample))
-        silent = silent + 1 if empty else 0
+        silent = silent + 1 if all(quality is Quality.BAD for _, _, quality in cells(sample)) else 0
         assert silent <= IDLE_LIMIT
 
 

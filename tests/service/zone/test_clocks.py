@@ -183,8 +183,7 @@ async def test_samples_of_a_clock_that_was_ahead_by_years_are_set_aside_at_the_n
         await life.set(9 * YEAR, settle=False)
         await life.live(HOUR)
     sane = [time for time in rows(tmp_path) if time < NOON + DAY]
-    wall = Wall(NOON + 2 * HOUR)
-    async with living(tmp_path, wall) as life:
+    async with living(tmp_path, Wall(NOON + 2 * HOUR)) as life:
         assert life.zone.now().status.state == "stalled"
         await life.live(SETTLING + 2.0, readings=False, step=1.0)
         assert rows(tmp_path) == sane

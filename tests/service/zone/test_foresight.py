@@ -54,8 +54,7 @@ def seen(zone, steps, weather=None):
 
 
 def test_until_a_day_is_known_the_last_values_are_held():
-    zone = fed(worker(), DAY // PERIOD)
-    _, columns, origins = seen(zone, 8)
+    _, columns, origins = seen(fed(worker(), DAY // PERIOD), 8)
     last = START + (DAY // PERIOD - 1) * PERIOD
     assert (columns["T_out"] == outdoors(last)).all()
     assert (columns["I_sol"] == sun(last)).all()
@@ -63,8 +62,7 @@ def test_until_a_day_is_known_the_last_values_are_held():
 
 
 def test_then_outdoor_temperature_and_sun_follow_the_day_before_and_heating_is_held():
-    zone = fed(worker(), DAY // PERIOD + 30)
-    times, columns, origins = seen(zone, 2 * DAY // PERIOD)
+    times, columns, origins = seen(fed(worker(), DAY // PERIOD + 30), 2 * DAY // PERIOD)
     assert np.allclose(columns["T_out"], [outdoors(time) for time in times])
     assert np.allclose(columns["I_sol"], [sun(time) for time in times])
     assert (columns["u_heat"] == 700.0).all()
@@ -200,8 +198,7 @@ def test_a_forecast_that_is_old_or_in_another_unit_is_not_used():
     zone = fed(worker(), DAY // PERIOD + 30)
     now = zone.latest.forecast.issue_time
     series = WeatherSeries(now + 3600.0 * np.arange(10), np.full(10, 50.0), "degF")
-    used = seen(zone, 12, weather(series, now, given="degF"))
-    assert np.allclose(used[1]["T_out"], 10.0)
+    assert np.allclose(seen(zone, 12, weather(series, now, given="degF"))[1]["T_out"], 10.0)
     assert seen(zone, 12, weather(series, now))[2]["T_out"].origin == "yesterday"
     assert seen(zone, 12, weather(series, now - 2 * DAY, given="degF"))[2]["T_out"].origin == "yesterday"
     empty = Weather({"T_out": WeatherLink("nobody", "t", "degC", IDENTITY, DAY)}, WeatherBook())

@@ -75,8 +75,7 @@ def test_the_fingerprint_tells_what_a_state_belongs_to():
 
     assert mark() == mark()
     assert mark(measurement_sd=0.2) == mark(), "tuning does not make the state another one"
-    same = replace(zone, name="mine", description="reworded", initial={})
-    assert mark(net=same) == mark()
+    assert mark(net=replace(zone, name="mine", description="reworded", initial={})) == mark()
     fixed = zone.with_fixed(["C_h"])
     assert mark(net=fixed) == mark(net=fixed.with_parameter("C_h", upper=2e5)), "a fixed parameter needs no bounds"
     others = [

@@ -185,8 +185,7 @@ def test_findings_lower_the_trust_where_they_matter():
 
 
 def test_telemetry_that_is_not_to_be_believed_takes_all_trust_while_it_lasts():
-    trust = after(Trust(), skill())
-    lied = after(trust, None, findings=["unit-changed"])
+    lied = after(after(Trust(), skill()), None, findings=["unit-changed"])
     assert (level(lied, 0), level(lied)) == ("untrusted", "untrusted")
     assert {one.planned for one in lied.horizons} == {"untrusted"}
     assert lied.horizons[0].reason == "unit-changed; do something"

@@ -20,8 +20,7 @@ def stepped(temperatures):
 
 def lived(steps, zone=None, first=0):
     zone = zone or worker(particles=50)
-    updates = [zone.step(sample(k)) for k in range(first, first + steps)]
-    return zone, updates
+    return zone, [zone.step(sample(k)) for k in range(first, first + steps)]
 
 
 def by_lead(zone, days=1):
@@ -66,8 +65,7 @@ def test_a_gap_drops_what_was_pending_of_a_thermostat_and_keeps_what_was_proved(
 def test_the_reference_follows_a_sensor_that_was_moved_and_not_one_wrong_reading():
     level = 20.0 + 0.1 * np.sin(np.arange(300) / 9)
     moved = stepped(np.where(np.arange(300) < 200, level, level - 25.0))
-    held = moved.carried.standing.verified.arx.outputs[0, 0]
-    assert abs(held - (level[-1] - 25.0)) < 1.0
+    assert abs(moved.carried.standing.verified.arx.outputs[0, 0] - (level[-1] - 25.0)) < 1.0
     wrong = level.copy()
     wrong[290] = -10.0
     once = stepped(wrong[:292])

@@ -25,8 +25,7 @@ def test_the_first_sample_starts_a_segment_and_is_not_scored():
 
 
 def test_the_forecast_that_was_published_is_the_one_that_is_scored():
-    updates = run(worker(), 20)
-    for before, after in pairwise(updates):
+    for before, after in pairwise(run(worker(), 20)):
         (published,) = before.forecast.outputs
         score = after.score
         assert before.forecast.valid_time == after.time
@@ -41,8 +40,7 @@ def test_the_forecast_that_was_published_is_the_one_that_is_scored():
 def test_the_inputs_of_a_forecast_are_told_with_age_and_quality():
     zone = worker()
     zone.step(sample(0, quality=Quality.UNCERTAIN))
-    update = zone.step(sample(1, inputs=[NAN, 18.0, 0.0]))
-    outdoor, adjacent, heat = update.forecast.inputs
+    outdoor, adjacent, heat = zone.step(sample(1, inputs=[NAN, 18.0, 0.0])).forecast.inputs
     assert (outdoor.channel, outdoor.value, outdoor.unit, outdoor.age) == ("T_out", 5.0, "degC", 300.0)
     assert outdoor.held is True
     assert outdoor.quality is Quality.UNCERTAIN

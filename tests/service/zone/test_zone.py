@@ -242,8 +242,7 @@ async def test_a_hurried_zone_saves_and_leaves_the_rest_to_the_journal(tmp_path)
 async def test_a_fan_is_given_up_when_the_daemon_stops(tmp_path):
     async with plumbing(tmp_path) as shared:
         zone = make(shared)
-        running = await fed(zone, [sample(0)])
-        await finished(zone, running)
+        await finished(zone, await fed(zone, [sample(0)]))
         shared.stopping.set()
         with pytest.raises(ServiceError, match="the daemon is stopping"):
             await zone.ask(question(500))

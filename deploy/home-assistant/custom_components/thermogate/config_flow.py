@@ -97,8 +97,7 @@ async def _posted(client: Client, body: dict[str, Any]) -> dict[str, Any]:
     except Refused as error:
         if error.status != HTTPStatus.CONFLICT:
             raise
-    names = [reading["channel"] for reading in body["readings"]]
-    return {"unknown_names": names, "refused": {}}
+    return {"unknown_names": [reading["channel"] for reading in body["readings"]], "refused": {}}
 
 
 class ThermogateFlow(ConfigFlow, domain=DOMAIN):

@@ -115,8 +115,7 @@ def stuck_steps(scene: Scene) -> Mask:
 
 def _controlled_day(scene: Scene, index: int) -> tuple[int, float]:
     """Days since control began, and the hour; the plant begins at midnight."""
-    since = index - scene.controlled_from
-    return since // STEPS_A_DAY, (index % STEPS_A_DAY) * STEP / HOUR
+    return (index - scene.controlled_from) // STEPS_A_DAY, (index % STEPS_A_DAY) * STEP / HOUR
 
 
 def _acts(event: tuple[int, float, float], day: int, hour: float) -> bool:

@@ -67,8 +67,7 @@ def close(scene: Scene, controller: Controller) -> Lived:
                 shown[0] = before[0]
             moment = Moment(index, round(now.time), local, shown)
             wanted, planned = controller.powers(moment)
-            after = plant.step(lived(scene, life, index, local, wanted))
-            heating = after.truth.heating
+            heating = plant.step(lived(scene, life, index, local, wanted)).truth.heating
             controller.saw(moment, heating, now.outdoor, now.irradiance)
             rows.append((moment.time, local, now.air, shown, heating, now.outdoor, now.irradiance, planned))
     return Lived(*(np.array(column) for column in zip(*rows, strict=True)))

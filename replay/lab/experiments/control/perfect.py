@@ -53,8 +53,7 @@ def responses(scene: Scene, before: Lived) -> Array:
         extra = np.zeros_like(free)
         for start in starts:
             extra[start : start + EVERY, room] = _PULSE * one.heater
-        pulsed = close(scene, Replayed(base, extra))
-        moved = (pulsed.air - base.air) / (_PULSE * one.heater)
+        moved = (close(scene, Replayed(base, extra)).air - base.air) / (_PULSE * one.heater)
         seen = [moved[start + EVERY : start + apart + 1 : EVERY] for start in starts]
         length = min(map(len, seen))
         kelvin[:, room, :length] = np.mean([each[:length] for each in seen], axis=0).T
@@ -88,8 +87,7 @@ class Foreseeing(Controller):
 
     def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
         """What was heated otherwise than before."""
-        step = moment.step // EVERY
-        self._extra[step] += (heating - self._before.heating[moment.step]) / EVERY
+        self._extra[moment.step // EVERY] += (heating - self._before.heating[moment.step]) / EVERY
 
     def _plan(self, moment: Moment) -> None:
         now, rooms = moment.step // EVERY, len(self._rated)

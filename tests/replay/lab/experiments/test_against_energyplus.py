@@ -22,8 +22,7 @@ def arrays(gain: np.ndarray, loss: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def test_errors_are_relative_to_the_truth_after_three_weeks() -> None:
-    rng = np.random.default_rng(1)
-    truth = np.where(rng.random(len(TIMES)) < 0.3, 500.0, 60.0)
+    truth = np.where(np.random.default_rng(1).random(len(TIMES)) < 0.3, 500.0, 60.0)
     truth[0] = np.nan
     # Right by 100 W too much, with an interval of 300 W, after weeks of nonsense.
     median = np.where(LATER, truth + 100.0, 1e6)

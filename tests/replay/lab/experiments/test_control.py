@@ -123,8 +123,7 @@ def test_the_report_shows_every_controller(runs: Mapping[str, Arrays], tmp_path:
     ]
     results = Results(planned, [figures(scores) for _ in scenes for scores in found.values()])
     write_report(report(results, scenes, list(scenes.values())), tmp_path)
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "What was done" in page
+    assert "What was done" in (tmp_path / "report.html").read_text(encoding="utf-8")
     undisturbed = [row for row in rows_of(tmp_path / "controllers.csv") if row["recording"] == "timber, undisturbed"]
     table = {row["controller"]: row for row in undisturbed}
     assert set(table) == set(runs)

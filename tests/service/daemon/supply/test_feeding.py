@@ -115,8 +115,7 @@ def test_a_source_that_fails_is_asked_again_for_what_follows(pauses, caplog):
 
 def test_pauses_are_bounded_and_short_again_after_progress(pauses):
     down = SourceUnavailable("sources.bms: down")
-    source = Scripted(*[([], down)] * 8, ([batch(5.0)], down), ([], None))
-    run(source)
+    run(Scripted(*[([], down)] * 8, ([batch(5.0)], down), ([], None)))
     assert pauses == [1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 30.0, 30.0, 1.0]
 
 

@@ -128,8 +128,7 @@ def test_who_posts_again_after_a_failure_loses_no_count_of_any_zone(tmp_path: Pa
         for name, channel in zone["channels"].items():
             unit = "kWh" if name == "u_heat" else channel["unit"]
             zone["channels"][name] = {"source": "one", "unit": unit, "aggregate": "mean"}
-    config = load(write(tmp_path, tables))
-    feed = Feed("one", config, zones, list(zones), Tally())
+    feed = Feed("one", load(write(tmp_path, tables)), zones, list(zones), Tally())
     now = time.time()
 
     def post(seconds: float, count: float) -> list[Posted]:

@@ -230,8 +230,7 @@ def test_a_room_that_cannot_be_reached_does_not_take_the_others_forecasts(
 
 
 def test_a_forecast_that_no_measurement_would_be_believed_at_is_bad(app: FastAPI) -> None:
-    plan = {"inputs": {"ekf": {"u_heat": 1e6}}}
-    (fans,) = asked(app, zones=["ekf"], plans=[plan])
+    (fans,) = asked(app, zones=["ekf"], plans=[{"inputs": {"ekf": {"u_heat": 1e6}}}])
     assert fans["ekf"]["quality"] == Quality.BAD
     body = {"horizon": "6h", "inputs": {"u_heat": 1e6}}
     assert post(app, "/zones/ekf/forecast", body).json()["quality"] == Quality.BAD
