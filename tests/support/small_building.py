@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.network.network import Network
+from estimator.network.network import Conductance, HeatInput, Network, Parameter
 from estimator.network.presets import network
 from replay.simulated.simulate import dynamics, simulate
 
@@ -79,3 +79,26 @@ def room(count, seed=1):
     for k in range(count - 1):
         outputs[k + 1] = 0.97 * outputs[k] + 0.03 * inputs[k, 0] + 0.0015 * inputs[k, 1] + 0.02 * rng.standard_normal()
     return outputs, inputs
+
+
+def two_rooms() -> Network:
+    """Two measured rooms with a wall between them, one of them heated by a share of the heater that is to be found."""
+    return Network(
+        name="two-rooms",
+        capacitances={"T_a": "C_a", "T_b": "C_b"},
+        boundaries=("T_out",),
+        conductances=(
+            Conductance("g_ab", ("T_a", "T_b")),
+            Conductance("g_a_out", ("T_a", "T_out")),
+            Conductance("g_b_out", ("T_b", "T_out")),
+        ),
+        heat_inputs=(HeatInput("u_a", "T_a"), HeatInput("u_b", "T_b")),
+        parameters=(
+            Parameter("C_a", "J/K", 1e6, 1e8),
+            Parameter("C_b", "J/K", 1e6, 1e8),
+            Parameter("g_ab", "W/K", 10.0, 1e3),
+            Parameter("g_a_out", "W/K", 10.0, 1e3),
+            Parameter("g_b_out", "W/K", 100.0, 200.0, nominal=150.0, free=False),
+        ),
+        measured=("T_b", "T_a"),
+    ).validate()

@@ -150,16 +150,6 @@ def test_start_skips_what_came_before_in_every_file(tmp_path):
     assert values(told, 26.0) == []
 
 
-def test_the_hour_that_autumn_repeats_and_the_one_that_spring_skips(tmp_path):
-    rows = ["2025-10-26 02:30:00", "2025-10-26 02:59:50", "2025-10-26 02:00:00", "2025-10-26 02:30:00"]
-    autumn = write(tmp_path / "autumn.csv", "t,T\n" + "".join(f"{row},20\n" for row in rows))
-    times = [reading.time - utc("2025-10-26") for reading in readings(source(autumn, zone="Europe/Berlin"))]
-    assert times == [1800.0, 3590.0, 3600.0, 5400.0]
-    spring = write(tmp_path / "spring.csv", "t,T\n2025-03-30 02:30:00,20\n2025-03-30 03:00:00,20\n")
-    faults = [reading.fault for reading in readings(source(spring, zone="Europe/Berlin"))]
-    assert faults == [Fault.BAD_TIMESTAMP, None]
-
-
 def test_many_rows_come_in_few_batches_and_all_of_them(tmp_path):
     path = write(tmp_path / "a.csv", "t,T\n" + "".join(f"{i},{i % 7}\n" for i in range(10_000)))
     got = batches(source(path, format="epoch"))

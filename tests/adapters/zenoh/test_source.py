@@ -210,7 +210,8 @@ async def test_probe_takes_the_last_value_from_a_cache_or_a_query() -> None:
     place, begun = endpoint(), time.time()
     asked = {"id": "room/q", "key": "store/q"} | JSON
     with session(listen=place) as bms:
-        caching_publisher(bms, "bms/room/T").put("21.5")
+        publisher = caching_publisher(bms, "bms/room/T")
+        publisher.put("21.5")
 
         def answer(query: zenoh.Query) -> None:
             with query:

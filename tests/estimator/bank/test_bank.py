@@ -1,17 +1,16 @@
 """The bank: weights by horizon, coverage by feedback, members that fail, networks that differ, its state as arrays."""
 
-import io
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 from support.forecasts import unfolded
+from support.small_building import two_rooms
 
 from estimator.bank.bank import Bank, answering_plan
 from estimator.bank.options import BankOptions, Member
 from estimator.errors import OptionsError
 from estimator.heat.terms import with_known_heat
-from estimator.network.network import Conductance, HeatInput, Network, Parameter
 from estimator.network.presets import automatic, network
 from estimator.registry import build
 from estimator.types import Mixture, Mixtures, Outcome, Posterior
@@ -276,22 +275,6 @@ def started(bank, outputs=1):
     return bank.start(1, np.full(outputs, 20.0), np.array([5.0] + [0.0] * (len(bank.network.inputs) - 1)))
 
 
-def test_the_state_goes_on_with_the_same_bits_with_forecasts_that_still_wait():
-    bank = small_bank()
-    state = walked(bank, started(bank), 0, 60)
-    assert len(state.pending.issues) == 24
-    file = io.BytesIO()
-    np.savez(file, **bank.pack(state))
-    file.seek(0)
-    with np.load(file, allow_pickle=False) as stored:
-        back = bank.unpack({name: stored[name] for name in stored.files})
-    left, right = (bank.pack(walked(bank, each, 60, 52)) for each in (state, back))
-    assert left.keys() == right.keys()
-    assert left["costs.hours"][-1] > 25, "forecasts of a day that were issued before have come true after"
-    for name, array in left.items():
-        assert array.tobytes() == right[name].tobytes(), name
-
-
 def test_a_day_without_measurements_is_survived():
     bank = small_bank()
     state = walked(bank, started(bank), 0, 30)
@@ -308,21 +291,7 @@ def test_a_day_without_measurements_is_survived():
 
 
 def test_several_outputs_are_published_and_learned_from():
-    rooms = Network(
-        name="two-rooms",
-        capacitances={"T_a": "C_a", "T_b": "C_b"},
-        boundaries=("T_out",),
-        conductances=(Conductance("g_ab", ("T_a", "T_b")), Conductance("g_a_out", ("T_a", "T_out"))),
-        heat_inputs=(HeatInput("u_a", "T_a"), HeatInput("u_b", "T_b")),
-        parameters=(
-            Parameter("C_a", "J/K", 1e6, 1e8),
-            Parameter("C_b", "J/K", 1e6, 1e8),
-            Parameter("g_ab", "W/K", 10.0, 1e3),
-            Parameter("g_a_out", "W/K", 10.0, 1e3),
-        ),
-        measured=("T_b", "T_a"),
-    ).validate()
-    bank = small_bank(rooms)
+    bank = small_bank(two_rooms())
     state = walked(bank, started(bank, 2), 0, 60, outputs=2)
     half = bank.update(bank.predict(state, np.array([5.0, 0.0, 0.0])), np.array([np.nan, 20.0]))
     assert half.outcome is Outcome.ASSIMILATED

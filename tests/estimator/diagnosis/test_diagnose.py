@@ -10,7 +10,6 @@ from support.small_building import PERIOD, building, record
 from estimator.diagnosis.diagnose import EVERY, diagnose, due
 from estimator.diagnosis.finding import (
     AT_BOUND,
-    FINDINGS,
     IMPLAUSIBLE,
     MEMBERS_DISAGREE,
     MISSES_SOMETHING,
@@ -172,27 +171,3 @@ def test_a_diagnosis_is_due_every_few_hours_and_at_the_first_heating():
     heated = quiet._replace(largest=np.array([0.0, 2000.0]))
     assert due(net, quiet, heated, 600, 600, 0)
     assert not due(net, heated, heated._replace(largest=np.array([0.0, 2200.0])), 600, 600, 0)
-
-
-def test_names_are_stable():
-    assert FINDINGS == (
-        "channels-swapped",
-        "sensor-stuck",
-        "sensor-spikes",
-        "unit-changed",
-        "sign-flipped",
-        "meter-dead",
-        "meter-late",
-        "sensor-jumped",
-        "sensor-drifts",
-        "calls-without-heat",
-        "heat-without-call",
-        "forecast-implausible",
-        "heat-loss-against-balance",
-        "parameter-at-bound",
-        "parameter-not-identified",
-        "members-disagree",
-        "network-misses-something",
-        "network-variant",
-        "narrower-bounds",
-    )

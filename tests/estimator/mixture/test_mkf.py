@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 from support.forecasts import mean_path, unfolded
-from support.small_building import PERIOD, TRUTH, building, known, record, textbook_kalman
+from support.small_building import PERIOD, TRUTH, building, known, record, textbook_kalman, two_rooms
 
 from estimator.heat.known import KnownHeat, LocalTime
 from estimator.heat.sun import Location
 from estimator.heat.terms import with_known_heat
 from estimator.kernels.packing import packed
-from estimator.network.network import Conductance, Gain, HeatInput, Network, Parameter
+from estimator.network.network import Gain, HeatInput, Parameter
 from estimator.network.presets import network
 from estimator.network.terms import HeatTerm
 from estimator.particle.kalman import unpack
@@ -21,29 +21,6 @@ from estimator.statespace.matrices import of_draws
 from replay.simulated.simulate import simulate
 
 PRESETS = ("jump", "drift", "free", "steady", "output-error", "habits")
-
-
-def two_rooms():
-    """Two measured rooms with a wall between them, one of them heated by a share of the heater that is to be found."""
-    return Network(
-        name="two-rooms",
-        capacitances={"T_a": "C_a", "T_b": "C_b"},
-        boundaries=("T_out",),
-        conductances=(
-            Conductance("g_ab", ("T_a", "T_b")),
-            Conductance("g_a_out", ("T_a", "T_out")),
-            Conductance("g_b_out", ("T_b", "T_out")),
-        ),
-        heat_inputs=(HeatInput("u_a", "T_a"), HeatInput("u_b", "T_b")),
-        parameters=(
-            Parameter("C_a", "J/K", 1e6, 1e8),
-            Parameter("C_b", "J/K", 1e6, 1e8),
-            Parameter("g_ab", "W/K", 10.0, 1e3),
-            Parameter("g_a_out", "W/K", 10.0, 1e3),
-            Parameter("g_b_out", "W/K", 100.0, 200.0, nominal=150.0, free=False),
-        ),
-        measured=("T_b", "T_a"),
-    ).validate()
 
 
 def with_terms(net, *nodes):

@@ -33,25 +33,6 @@ def test_an_automatic_network_has_the_whole_family():
     assert tuple(family(automatic(("T_i", "T_out", "u_heat", "I_sol", "T_adj")))) == VARIANTS
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_the_mixture_filter_and_its_oracle_agree_on_every_variant(variant):
-    # Three states each: for every other number, kernels would be compiled anew.
-    own = network("tite") if variant in ("ground", "two-layers") else automatic(("I_sol",))
-    net = family(own)[variant]
-    rows = []
-    for implementation in ("compiled", "reference"):
-        options = {"preset": "output-error", "particles": 8, "implementation": implementation}
-        estimator = build("mkf", net, 600.0, options)
-        inputs = np.array([5.0, 800.0, 150.0][: len(net.inputs)])
-        state = estimator.start(3, np.array([20.0]), inputs)
-        means = []
-        for k in range(12):
-            state = estimator.predict(estimator.update(state, np.array([20.0 + 0.1 * k])).state, inputs)
-            means.append(estimator.predictive(state).mean())
-        rows.append(np.array(means))
-    np.testing.assert_allclose(rows[0], rows[1], rtol=1e-9)
-
-
 def middle(net, **changes):
     values = [changes.get(p.name, p.nominal or (p.lower * p.upper) ** 0.5) for p in net.parameters]
     return np.array(values)[:, None]

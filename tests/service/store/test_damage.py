@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from support.running_zone import finished, plumbing
+from support.running_zone import fed, finished, plumbing
 from support.zone_samples import comparable, sample, worker
 
 from service.errors import ServiceError
@@ -39,10 +39,7 @@ def crashed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for part in (ITEMS[:10], ITEMS[10:20], ITEMS[20:28]):
             async with plumbing(live) as shared:
                 zone = make(shared)
-                await zone.prepare()
-                running = asyncio.create_task(zone.run())
-                await zone.intake.accept(part)
-                await finished(zone, running)
+                await finished(zone, await fed(zone, part))
         async with plumbing(live) as shared:
             for item in ITEMS[28:]:
                 await shared.store.append("z", item)
@@ -117,13 +114,6 @@ FILES = {
     "oldest checkpoint": "checkpoints/z/000000002700.npz",
     "lock": "lock",
 }
-
-
-def test_without_damage_everything_is_there_in_silence(
-    crashed: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    shutil.copytree(crashed, tmp_path / "state")
-    assert start(tmp_path / "state", caplog) == (False, 40)
 
 
 @pytest.mark.parametrize("damage", DAMAGES)

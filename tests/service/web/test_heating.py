@@ -1,6 +1,5 @@
 """Questions about heating over REST: when to start, how much, what another plan changes; and what is refused."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 from fastapi import FastAPI
 from support.http_client import get, post, problem
 from support.refused import assert_refused, refusals
-from support.site_of_rooms import Room, site_of
+from support.site_of_rooms import Room
 from support.thermostat_house import recorded
 
 from service.records.series import COLUMNS, Series
@@ -22,17 +21,6 @@ ROOMS = {
     "untold": Room("ekf", samples=20),
     "new": Room(samples=0),
 }
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[FastAPI, dict[str, Zone]]]:
-    with site_of(tmp_path_factory.mktemp("site"), ROOMS) as made:
-        yield made
-
-
-@pytest.fixture
-def app(site: tuple[FastAPI, dict[str, Zone]]) -> FastAPI:
-    return site[0]
 
 
 def test_preheat_by_a_time_of_day(app: FastAPI) -> None:

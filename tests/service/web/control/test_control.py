@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from fastapi import FastAPI
 from support import schemas
-from support.http_client import get, post, problem
+from support.http_client import post, problem
 from support.refused import assert_refused, refusals
-from support.site_of_rooms import PERIOD, Room, site_of
+from support.site_of_rooms import Room, site_of
 
 from adapters.reading import Quality
 from service.errors import Away, RequestError
@@ -44,54 +44,9 @@ NEXT_DOOR = {
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[FastAPI, dict[str, Zone]]]:
-    with site_of(tmp_path_factory.mktemp("site"), ROOMS) as made:
-        yield made
-
-
-@pytest.fixture
-def app(site: tuple[FastAPI, dict[str, Zone]]) -> FastAPI:
-    return site[0]
-
-
-@pytest.fixture(scope="module")
 def coupled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FastAPI]:
     with site_of(tmp_path_factory.mktemp("coupled"), NEXT_DOOR) as (made, _):
         yield made
-
-
-def simulated(document: dict[str, Any], plan: np.ndarray) -> np.ndarray:
-    """The means of the first output at each step, from the matrices that `document` names as the fan's."""
-    if document["fan_mean"] == "mean":
-        a, b, x = (np.array(document["mean"][name])[None] for name in ("A", "B", "state"))
-        weights = np.ones(1)
-    else:
-        a, b, x = (np.array(document["draws"][name]) for name in ("A", "B", "state"))
-        weights = np.array(document["draws"]["weights"])
-    c, path = np.array(document["mean"]["C"])[0], []
-    for u in plan:
-        path.append(float(weights @ (x @ c)))
-        x = np.einsum("kij,kj->ki", a, x) + b @ u
-    return np.array([*path, float(weights @ (x @ c))])
-
-
-@pytest.mark.parametrize(("zone", "draws"), [("rbpf", 300), ("ekf", 10), ("ukf", 400), ("mkf", 400)])
-@pytest.mark.parametrize("periods", [1, 3])
-def test_simulating_the_given_matrices_gives_the_mean_of_the_published_fan(
-    app: FastAPI, zone: str, draws: int, periods: int
-) -> None:
-    steps = HOURS * 3600 // (PERIOD * periods)
-    coarse = np.column_stack([np.linspace(5.0, 0.0, steps), 1500.0 * (np.arange(steps) % 8 < 4)])
-    fine = np.repeat(coarse, periods, axis=0)
-    inputs = {"T_out": fine[:, 0].tolist(), "u_heat": fine[:, 1].tolist()}
-    fan = post(app, f"/zones/{zone}/forecast", {"horizon": f"{HOURS}h", "inputs": inputs}).json()
-    means = np.array([step["outputs"][0]["mean"] for step in fan["fan"]])[::periods]
-    sds = np.array([step["outputs"][0]["sd"] for step in fan["fan"]])[::periods]
-    model = get(app, f"/zones/{zone}/model?step={5 * periods}min&draws={draws}").json()
-    assert (model["step_s"], model["valid_time"]) == (PERIOD * periods, fan["valid_time"])
-    # All particles of the one, and the mean of the other, are the fan itself; draws have a sampling error.
-    allowed = 1e-6 if zone in ("rbpf", "ekf") else 5.0 * sds / np.sqrt(draws)
-    assert (np.abs(simulated(model, coarse) - means) <= allowed).all()
 
 
 @refusals("control")
