@@ -52,6 +52,21 @@ def in_force(kind: type[Options], network: Network, values: Mapping[str, object]
     return kind(**{name: checks[name](name, value, network) for name, value in values.items()})
 
 
+def resolver(
+    kind: type[Options], estimator: str, **usual: object
+) -> Callable[[Network, float, Mapping[str, object]], Options]:
+    """What gives the options `kind` of an estimator that are in force: `usual`, then what is given.
+
+    It raises OptionsError with one sentence naming the option that is wrong.
+    """
+
+    def resolve(network: Network, period: float, given: Mapping[str, object]) -> Options:
+        check_known(given, names(kind), estimator)
+        return in_force(kind, network, usual | dict(given))
+
+    return resolve
+
+
 def check_known(given: Collection[str], known: Collection[str], estimator: str) -> None:
     """Refuse names that are not options."""
     for name in given:

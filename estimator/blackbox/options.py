@@ -1,11 +1,8 @@
 """Options of the online ARX model, of the one on changes since the day before, and of the direct regressions."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypeVar
 
-from estimator.network.network import Network
-from estimator.option_checks import check_known, flag, in_force, names, number, whole
+from estimator.option_checks import flag, number, resolver, whole
 
 
 @dataclass(frozen=True)
@@ -36,24 +33,7 @@ class DirectOptions:
     """Whether inputs to come are left out: for forecasts that need no plan, and where they mislead."""
 
 
-_Options = TypeVar("_Options", ARXOptions, DirectOptions)
-
-
-def resolve(network: Network, period: float, given: Mapping[str, object]) -> ARXOptions:
-    """The options in force; OptionsError with one sentence naming the option that is wrong."""
-    return _resolve(ARXOptions, "arx", network, given)
-
-
-def resolve_daily(network: Network, period: float, given: Mapping[str, object]) -> ARXOptions:
-    """The same for changes since the day before, which hold little that more of the past could tell."""
-    return _resolve(ARXOptions, "daily", network, {"past_outputs": 1, "past_inputs": 1, **given})
-
-
-def resolve_direct(network: Network, period: float, given: Mapping[str, object]) -> DirectOptions:
-    """The options in force; OptionsError with one sentence naming the option that is wrong."""
-    return _resolve(DirectOptions, "direct", network, given)
-
-
-def _resolve(kind: type[_Options], estimator: str, network: Network, given: Mapping[str, object]) -> _Options:
-    check_known(given, names(kind), estimator)
-    return in_force(kind, network, given)
+resolve = resolver(ARXOptions, "arx")
+resolve_daily = resolver(ARXOptions, "daily", past_outputs=1, past_inputs=1)
+"""Of changes since the day before, which hold little that more of the past could tell."""
+resolve_direct = resolver(DirectOptions, "direct")

@@ -17,7 +17,7 @@ from estimator.diagnosis.finding import (
 )
 from estimator.network.family import family
 from estimator.network.network import Network
-from estimator.types import Estimator, ParameterSummary
+from estimator.types import Estimator
 
 _COUNTS = 0.05
 """Weight that a member must have at some horizon for its parameters to count: below that nobody relies on it."""
@@ -47,7 +47,7 @@ def disagreement(bank: Bank, state: Any, levels: Sequence[float]) -> list[Findin
         if parameter.free:
             rows = {name: summary.parameters[index] for name, summary in summaries.items()}
             found += _apart(parameter.name, parameter.unit, rows)
-    return found + _apart("heat_loss", "W/K", _heat_losses(summaries))
+    return found + _apart("heat_loss", "W/K", {name: summary.heat_loss for name, summary in summaries.items()})
 
 
 def variants(bank: Bank, state: Any) -> tuple[VariantWeight, ...]:
@@ -108,10 +108,6 @@ def _absent(network: Network) -> str:
 def _members(bank: Bank, state: Any) -> list[_Member]:
     weights = bank.member_weights(state).values()
     return [_Member(*each) for each in zip(bank.names, bank.members, state.members, weights, strict=True)]
-
-
-def _heat_losses(summaries: Mapping[str, ParameterSummary]) -> dict[str, Array]:
-    return {name: summary.heat_loss for name, summary in summaries.items()}
 
 
 def _apart(subject: str, unit: str, rows: Mapping[str, Array]) -> list[Finding]:

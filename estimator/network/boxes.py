@@ -32,7 +32,6 @@ A share of heat (f_air, or of a meter of several zones) does not grow with the b
 from collections.abc import Mapping
 from dataclasses import replace
 from math import sqrt
-from typing import NamedTuple
 
 from estimator.errors import NetworkError
 from estimator.network.network import SHARE, Network, Parameter
@@ -44,20 +43,8 @@ TYPICAL_AREA = 70.0
 """m2: of a zone whose floor area nobody knows, a flat or a storey of a house."""
 
 
-class PerArea(NamedTuple):
-    """Range of a parameter per m2 of floor area, in J/K, W/K or m2."""
-
-    lower: float
-    upper: float
-
-    @property
-    def middle(self) -> float:
-        """The typical value: off by one standard deviation of the prior is a factor of 2.7."""
-        return sqrt(self.lower * self.upper)
-
-
-PER_AREA: Mapping[str, PerArea] = {
-    name: PerArea(lower, upper)
+PER_AREA: Mapping[str, tuple[float, float]] = {
+    name: (lower, upper)
     for names, lower, upper in (
         ("C_i C_air", 3e3, 2e5),
         ("C_e", 2e4, 1e6),
@@ -74,7 +61,8 @@ PER_AREA: Mapping[str, PerArea] = {
     )
     for name in names.split()
 }
-"""By the parameter's name in the generic networks. The paths to neighbours of `auto`, g_i_adj..., share one range."""
+"""Range of a parameter per m2 of floor area, in J/K, W/K or m2, by its name in the generic networks. The paths to
+neighbours of `auto`, g_i_adj..., share one range."""
 
 _NEIGHBOURS = "g_i_adj"
 _SHARES = ("f_air", "f_direct", SHARE)
@@ -98,11 +86,12 @@ def box(parameter: Parameter, smallest: float, largest: float) -> Parameter:
     per_area = PER_AREA.get(_NEIGHBOURS if name.startswith(_NEIGHBOURS) else name)
     if per_area is None:
         raise NetworkError(f"parameter '{name}' has no range per m2 of floor area")
-    lower, upper = per_area.lower * smallest, per_area.upper * largest
+    least, most = per_area
+    lower, upper = least * smallest, most * largest
     inside = parameter.nominal is not None and lower <= parameter.nominal <= upper
     nominal = parameter.nominal if inside else None
     area = TYPICAL_AREA if (smallest, largest) == WIDEST else sqrt(smallest * largest)
-    return replace(parameter, lower=lower, upper=upper, nominal=nominal, typical=per_area.middle * area)
+    return replace(parameter, lower=lower, upper=upper, nominal=nominal, typical=sqrt(least * most) * area)
 
 
 def boxed(network: Network, smallest: float = WIDEST[0], largest: float = WIDEST[1]) -> Network:

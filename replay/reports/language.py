@@ -11,7 +11,6 @@ from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import cache
 from importlib.resources import files
-from typing import NamedTuple
 
 from replay.reports.kit.report import Plot, Report, Section
 from replay.reports.kit.table import Cell, Table
@@ -23,13 +22,6 @@ Say = Callable[[str], str]
 
 _DURATION = re.compile(r"(?<![^\s(])(\d+)(min|[dhs])(?![^\s,.;:)])")
 _GAP = re.compile(r"\{\{|\}\}|\{(\w+)\}")
-
-
-class _Entry(NamedTuple):
-    pattern: re.Pattern[str]
-    translated: str
-    literal: int
-    """Characters outside of gaps."""
 
 
 def sayer(language: str) -> Say:
@@ -95,11 +87,11 @@ def _said(language: str, text: str) -> str | None:
     """`text` in `language`; None where it is not in the files."""
     # Titles, and sentences that begin with a capital, are entries that do not.
     lower = text[:1].lower() + text[1:]
-    for entry in _entries(language):
+    for pattern, translated in _entries(language):
         for written in dict.fromkeys((text, lower)):
-            if (match := entry.pattern.fullmatch(written)) is not None:
+            if (match := pattern.fullmatch(written)) is not None:
                 values = {name: _value(language, name, value) for name, value in match.groupdict().items()}
-                found = entry.translated.format(**values)
+                found = translated.format(**values)
                 return found if written is text else found[:1].upper() + found[1:]
     first, parts, rest = text.partition("; ")
     start = _said(language, first) if parts else None
@@ -111,7 +103,7 @@ def _value(language: str, name: str, value: str) -> str:
 
 
 @cache
-def _entries(language: str) -> tuple[_Entry, ...]:
+def _entries(language: str) -> tuple[tuple[re.Pattern[str], str], ...]:
     """All entries of `language`, those that say more first."""
     texts: dict[str, str] = {}
     for package, name in (
@@ -119,8 +111,8 @@ def _entries(language: str) -> tuple[_Entry, ...]:
         ("replay.reports", f"report-{language}.json"),
     ):
         texts |= json.loads(files(package).joinpath(name).read_text(encoding="utf-8"))
-    found = [_Entry(_pattern(english), text, len(_GAP.sub("", english))) for english, text in texts.items()]
-    return tuple(sorted(found, key=lambda entry: -entry.literal))
+    longest = sorted(texts, key=lambda english: -len(_GAP.sub("", english)))
+    return tuple((_pattern(english), texts[english]) for english in longest)
 
 
 def _pattern(english: str) -> re.Pattern[str]:

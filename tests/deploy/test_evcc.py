@@ -3,14 +3,13 @@
 import os
 import shutil
 import subprocess
-import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 from support.harness import ROOT
 from support.http_client import get
 from support.site_of_rooms import Room, site_of
+from support.web_answers import answering
 
 pytestmark = pytest.mark.skipif(not (shutil.which("curl") and shutil.which("jq")), reason="curl or jq is missing")
 
@@ -22,27 +21,15 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, list
     rooms = {"living": Room("ekf", "tite", samples=576, told=True), "new": Room(samples=0)}
     with site_of(tmp_path_factory.mktemp("site"), rooms) as (app, _):
 
-        class Both(BaseHTTPRequestHandler):
-            def do_GET(self) -> None:
-                answer = get(app, self.path)
-                self.send_response(answer.status_code)
-                self.end_headers()
-                self.wfile.write(answer.content)
+        def answer(path: str, _: str | None) -> tuple[int, bytes]:
+            if path.startswith("/zones"):
+                found = get(app, path)
+                return found.status_code, found.content
+            told.append(path)
+            return 200, b""
 
-            def do_POST(self) -> None:
-                told.append(self.path)
-                self.send_response(200)
-                self.end_headers()
-
-            def log_message(self, *_: object) -> None:
-                pass
-
-        with ThreadingHTTPServer(("127.0.0.1", 0), Both) as server:
-            serving = threading.Thread(target=server.serve_forever)
-            serving.start()
-            yield f"http://127.0.0.1:{server.server_port}", told
-            server.shutdown()
-            serving.join()
+        with answering(answer) as place:
+            yield place, told
 
 
 def commands() -> str:

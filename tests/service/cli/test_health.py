@@ -4,9 +4,9 @@ import json
 import socket
 import threading
 from contextlib import ExitStack
-from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
+from support.web_answers import answering
 
 from service.cli.main import main
 
@@ -22,23 +22,12 @@ def serve():
         def start(answers):
             asked = []
 
-            class Handler(BaseHTTPRequestHandler):
-                def do_GET(self):
-                    asked.append((self.path, self.headers.get("Authorization")))
-                    status, document = answers[self.path]
-                    self.send_response(status)
-                    self.end_headers()
-                    self.wfile.write(document if isinstance(document, bytes) else json.dumps(document).encode())
+            def answer(path, authorization):
+                asked.append((path, authorization))
+                status, document = answers[path]
+                return status, document if isinstance(document, bytes) else json.dumps(document).encode()
 
-                def log_message(self, *arguments):
-                    pass
-
-            server = stack.enter_context(HTTPServer(("127.0.0.1", 0), Handler))
-            thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-            thread.start()
-            stack.callback(thread.join)
-            stack.callback(server.shutdown)
-            return f"http://127.0.0.1:{server.server_port}", asked
+            return stack.enter_context(answering(answer)), asked
 
         yield start
 

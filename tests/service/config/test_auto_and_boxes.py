@@ -24,7 +24,7 @@ def test_auto_follows_from_the_channels(tmp_path: Path) -> None:
     assert (plain.name, plain.channels) == ("auto", ("T_i", "T_out", "u_heat"))
     sunny = living(tmp_path, channels={"I_sol": SUN}).network
     assert sunny.channels == ("T_i", "T_out", "u_heat", "I_sol")
-    assert sunny.parameter("A_w").upper == PER_AREA["A_w"].upper * 2000
+    assert sunny.parameter("A_w").upper == PER_AREA["A_w"][1] * 2000
     both = living(tmp_path, channels={"T_adj_north": NEIGHBOUR, "T_adj": NEIGHBOUR, "I_sol": SUN}).network
     assert both.boundaries == ("T_out", "T_adj", "T_adj_north")
     assert {"g_i_adj", "g_i_adj_north", "A_w"} < {parameter.name for parameter in both.free}
