@@ -1,5 +1,6 @@
 """The table of all rooms, in a real browser."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -87,9 +88,9 @@ def test_a_room_that_is_colder_than_its_set_point_comes_before_the_others(serve:
     for name, above in (("room-1", -3.0), ("room-2", 1.5), ("room-0", 1.5)):
         newest = zones[name].updates[-1]
         zones[name].updates[-1] = newest._replace(setpoint=newest.y[0] + above)
-    # This one has yet to warm up: its set-point has just risen.
-    *earlier, last = zones["room-0"].updates
-    zones["room-0"].updates = [one._replace(setpoint=last.y[0]) for one in earlier] + [last]
+    # The set-point of the last one has just risen: it has yet to warm up.
+    *earlier, last = zones["room-2"].updates
+    zones["room-2"].updates = [one._replace(setpoint=math.nan) for one in earlier] + [last]
     page = visit(serve(zones).url).page
     page.wait_for_selector(ROWS)
     eventually(page, "document.querySelectorAll('tr[data-zone]')[3].dataset.zone === 'room-2'")
