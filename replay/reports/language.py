@@ -94,8 +94,8 @@ def _said(language: str, text: str) -> str | None:
                 found = translated.format(**values)
                 return found if written is text else found[:1].upper() + found[1:]
     first, parts, rest = text.partition("; ")
-    start = _said(language, first) if parts else None
-    return None if start is None else f"{start}; {_said(language, rest) or rest}"
+    start, end = (_said(language, part) for part in (first, rest)) if parts else (None, None)
+    return f"{start or first}; {end or rest}" if start or end else None
 
 
 def _value(language: str, name: str, value: str) -> str:

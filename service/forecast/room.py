@@ -369,6 +369,8 @@ def _energy(worker: ZoneWorker, past: Past, shares: Shares, loss: Array | None, 
     used = np.bincount(days - days[0], metered @ shares.medians[heat])
     low, total, high = (shares.quantiles[:, heat] @ metered.sum(axis=0)).tolist()
     if not heat or total <= 0.0:
+        sentence = "What 1 K less would have saved is not known, for no heating was measured"
+        yield RoomAnswer("saving", sentence, "kWh")
         return
     parts = [f"The heating used {amount(total)} kWh in {len(past.times) * past.step / _DAY:.1f} days"]
     bounds = (low, high) if low < high else ()
@@ -412,10 +414,11 @@ def _told(
 ) -> Iterator[ToDo]:
     """What to do; `warming` [h] is how long the room usually takes to be warm after a setback, 0 if unknown."""
     yield from for_the_model(diagnosis, trust)
+    cold, warm = (3.5, 3.0) if comfort.often == "warm" else (3.0, 3.5)
     if comfort.share(comfort.cold) > RARE:
-        yield ToDo(*_against_cold(network, comfort, past, standing, warming), 3.0)
+        yield ToDo(*_against_cold(network, comfort, past, standing, warming), cold)
     if comfort.share(comfort.warm) > RARE:
-        yield ToDo(*_against_warmth(network, comfort, past, standing), 3.5)
+        yield ToDo(*_against_warmth(network, comfort, past, standing), warm)
 
 
 def for_the_model(diagnosis: Diagnosis, trust: Trust) -> Iterator[ToDo]:

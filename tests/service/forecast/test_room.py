@@ -175,6 +175,7 @@ def test_heating_that_nobody_measured_is_told_among_heat_from_elsewhere(worker, 
         asked(worker, PAST._replace(inputs=np.zeros_like(PAST.inputs), gain=np.full_like(PAST.gain, 500.0)))
     )
     assert found["heat_loss"].sentence.endswith("do not rely on it, for no heating was measured")
+    assert found["saving"].sentence.endswith("is not known, for no heating was measured")
     assert "eat from people, appliances and heating that nobody measures: 500 W" in found["other_heat"].sentence
 
 
@@ -206,6 +207,14 @@ def test_in_german_no_part_of_a_sentence_stays_english(worker):
     german = [sayer("de")(sentence) for sentence in told]
     left = [text for text in german if re.search(r"\b(the|and|between|not|of|than|on average|most|for)\b", text)]
     assert left == []
+
+
+def test_what_a_room_was_most_often_is_mended_first(worker):
+    place = np.arange(len(TIMES)) % 10
+    for often, seldom, what in ((28.0, 15.0, ["warm", "cold"]), (15.0, 28.0, ["cold", "warm"])):
+        temperature = np.select([place < 3, place == 5], [often, seldom], 22.0)
+        past = PAST._replace(temperature=temperature, setpoint=np.full(len(TIMES), np.nan))
+        assert [one.why.split()[3] for one in asked(worker, past).to_do] == what
 
 
 def cold_all_day(power):

@@ -93,6 +93,10 @@ def test_sentences_have_the_same_gaps_in_both_languages() -> None:
         assert gaps[0] == gaps[1], english
 
 
+def test_what_to_do_and_why_are_there_one_without_the_other() -> None:
+    assert [english for english in SAID if "; " in english] == []
+
+
 def test_both_languages_have_the_same_texts_with_the_same_gaps() -> None:
     english, german = LANGUAGES["en"], LANGUAGES["de"]
     assert list(english) == list(german)
