@@ -121,7 +121,8 @@ class LookingAhead:
 
     async def _heating(self, view: ZoneView, steps: int) -> NextHeatingPayload | None:
         found = await view.ask(NextRise(steps))
-        if found is None or refusal(view.now().trust, found.by - found.issue_time) is not None:
+        # A model that doubts that any start suffices has not seen such a night: unasked it had better be silent.
+        if found is None or found.reached < 0.5 or refusal(view.now().trust, found.by - found.issue_time) is not None:
             return None
         return NextHeatingPayload(found.target, found.by, found.probability, found.start, found.reached)
 

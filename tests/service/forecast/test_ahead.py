@@ -3,6 +3,7 @@
 import asyncio
 import json
 import math
+from dataclasses import replace
 
 import pytest
 from support.fake_zones import make_update, running, waiting
@@ -85,7 +86,7 @@ def test_a_zone_that_no_longer_vouches_for_it_says_so_once_and_comes_back():
     assert [one["quality"] for one in told(sink)] == ["good", "bad", "good"]
 
 
-def test_the_next_heating_is_told_unless_the_forecast_is_not_trusted():
+def test_the_next_heating_is_told_unless_hardly_any_start_suffices_or_the_forecast_is_not_trusted():
     zone = running("living")
     issue = float(zone.now().update.forecast.issue_time)
     some = Range(20.6, 20.1, 21.2)
@@ -97,10 +98,14 @@ def test_the_next_heating_is_told_unless_the_forecast_is_not_trusted():
     heating = told(sink)[0]["heating"]
     assert (heating["target"], heating["probability"], heating["reached"]) == (21.0, 0.9, 0.93)
     assert heating["start"] < heating["by"]
-    zone.trusted = Trust(0, (HorizonTrust(DAY, "untrusted", "the intervals held 3 % of what came", 0),))
+    sure, zone.heating = zone.heating, replace(zone.heating, start=None, reached=0.4)
     zone.updates.append(make_update(10, zone.network))
     asyncio.run(ahead.attend("living"))
-    assert told(sink)[1]["heating"] is None
+    zone.heating = sure
+    zone.trusted = Trust(0, (HorizonTrust(DAY, "untrusted", "the intervals held 3 % of what came", 0),))
+    zone.updates.append(make_update(20, zone.network))
+    asyncio.run(ahead.attend("living"))
+    assert [one["heating"] for one in told(sink)[1:]] == [None, None]
 
 
 @pytest.mark.parametrize(("period", "leads"), [(1, []), (2, [3600]), (3600, [6 * 3600, DAY]), (DAY, None)])
