@@ -75,8 +75,7 @@ def measured(name: str, size: str) -> list[Row]:
 def _section(name: str, size: str) -> list[Row]:
     # Where compiled kernels are kept is chosen before the sections import Numba.
     prepare_process()
-    rows: list[Row] = getattr(import_module(f"bench.{SECTIONS[name]}"), name)(SIZES[size])
-    return rows
+    return getattr(import_module(f"bench.{SECTIONS[name]}"), name)(SIZES[size])
 
 
 def table(rows: Sequence[Sequence[object]]) -> list[str]:

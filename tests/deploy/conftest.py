@@ -61,8 +61,6 @@ def example(request: pytest.FixtureRequest) -> ModuleType:
     """The example that the module of tests names as EXAMPLE."""
     name = request.module.EXAMPLE
     spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

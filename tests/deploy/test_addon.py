@@ -233,7 +233,6 @@ def test_what_is_missing_is_said_before_anything_is_changed(tmp_path: Path, hous
 
 
 def test_a_wrong_password_is_said_and_ends_nothing(tmp_path: Path, house: House, site: Mosquitto) -> None:
-    assert house.mqtt is not None
     house.mqtt["password"] = "wrong"
     with Addon(tmp_path, house, [{"name": "living", "thermostat": "climate.living"}]) as running:
         running.says(r"sources\.home: .* refuses this client \(Not authorized\); check user and password")

@@ -41,8 +41,7 @@ def root() -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def definition() -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(buildah("inspect", "--type", "image", IMAGE))["Docker"]["config"]
-    return found
+    return json.loads(buildah("inspect", "--type", "image", IMAGE))["Docker"]["config"]
 
 
 def started(root: Path, definition: dict[str, Any], folder: Path, *command: str) -> list[str]:

@@ -29,8 +29,7 @@ def free_udp_port() -> int:
     """A port that no loopback address of this machine has at the moment."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("0.0.0.0", 0))
-        port: int = probe.getsockname()[1]
-        return port
+        return probe.getsockname()[1]
 
 
 class _Overridden(AnalogInputObject):

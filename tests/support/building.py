@@ -103,7 +103,6 @@ class Building:
         self.url = self._server.url
 
     async def _shut(self) -> None:
-        assert self._server is not None
         self._streams.end()
         serving, looking = self._tasks
         looking.cancel()

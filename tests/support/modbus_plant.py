@@ -63,7 +63,6 @@ class Plant:
 
     def drop(self) -> None:
         """Close every connection that there is."""
-        assert self.server is not None
         for connection in list(self.server.active_connections.values()):
             connection.transport.abort()
 

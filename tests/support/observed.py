@@ -58,8 +58,7 @@ def clients(url: str, zones: Sequence[str], count: int, pause: float) -> Iterato
 
         def finish() -> list[Answer]:
             pipe.send(None)
-            answers: list[Answer] = pipe.recv()
-            return answers
+            return pipe.recv()
 
         yield finish
 

@@ -344,7 +344,7 @@ def test_a_plan_can_be_written_in_many_ways(model: tg.Model) -> None:
     heat = [0.0, 500.0, 1000.0, 1500.0, 2000.0, 2500.0]
     expected = bits(model.forecast({"u_heat": heat}, "1h"))
     timed = pd.Series(heat, index=times[:-1])
-    ways: list[Any] = [
+    for plan in [
         {"u_heat": np.array(heat)},
         {"u_heat": pd.Series(heat)},
         {"u_heat": timed},
@@ -353,8 +353,7 @@ def test_a_plan_can_be_written_in_many_ways(model: tg.Model) -> None:
         pd.DataFrame({"u_heat": heat}),
         pd.DataFrame({"u_heat": timed}),
         pd.DataFrame({"u_heat": timed, "T_i": 20.0}).iloc[::-1],
-    ]
-    for plan in ways:
+    ]:
         assert bits(model.forecast(plan, "1h")) == expected
     constant = bits(model.forecast({"u_heat": 700, "T_out": 3}, "1h"))
     assert bits(model.forecast(pd.DataFrame({"u_heat": [700.0] * 6, "T_out": 3.0}), "1h")) == constant

@@ -54,8 +54,7 @@ def party(running: Mosquitto) -> Iterator[Party]:
 def source(port: int, *channels: Channel, name: str = "bms", **keys: Any) -> MqttSource:
     given = {"host": "127.0.0.1", "port": port, "client_id": f"test-{time.monotonic_ns()}", "timeout": 2.0} | keys
     table = source_table("mqtt", name, **given)
-    found: MqttSource = table.build(name, [bound(table, **one) for one in channels or (T,)])
-    return found
+    return table.build(name, [bound(table, **one) for one in channels or (T,)])
 
 
 async def test_a_retained_value_is_uncertain_and_gives_way_to_what_is_new(running: Mosquitto, party: Party) -> None:

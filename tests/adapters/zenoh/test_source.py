@@ -30,8 +30,7 @@ def source(where: str | Keys, *channels: Keys, **keys: Any) -> ZenohSource:
     given = {"connect": [where]} if isinstance(where, str) else where
     everyone = {"writers": ["*"]} if "listen" in given else {}
     table = source_table("zenoh", **{"timeout": 1.0} | given | everyone | keys)
-    found: ZenohSource = table.build("bms", [bound(table, **one) for one in channels or (T,)])
-    return found
+    return table.build("bms", [bound(table, **one) for one in channels or (T,)])
 
 
 @pytest.mark.parametrize("ours", ["client", "peer", "listening peer", "listening router"])

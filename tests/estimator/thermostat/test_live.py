@@ -181,8 +181,7 @@ def test_the_interval_of_what_was_told_covers_as_it_claims(question):
 
 
 def test_before_a_law_is_known_the_heat_is_held_or_as_the_day_before():
-    data = recorded(1, PERIOD)
-    zone = Zone().run(data, 0, 10)
+    zone = Zone().run(recorded(1, PERIOD), 0, 10)
     rows = np.tile(zone.before, (DAILY, 1))
     assert (
         zone.forecasts.planned(zone.live, zone.state, zone.thermostat, rows[:, 0], ahead(rows), zone.before, 0) is None

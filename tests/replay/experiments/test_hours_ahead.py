@@ -215,7 +215,6 @@ def test_a_network_with_known_heat_is_driven_as_in_the_daemon() -> None:
     made = run_hours(FilterRun("bank", options, network, HOUR, record, 3, where, leads))
 
     heat = known_heat(network, HOUR, where)
-    assert heat is not None
     drive = heat.drive(record.times.astype(np.float64), record.inputs)
     model = registry.build("bank", network, HOUR, options)
     state = model.predict(model.start(3, record.outputs[0], drive[0]), drive[0])

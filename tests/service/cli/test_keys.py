@@ -28,7 +28,6 @@ def test_create_prints_the_key_alone_on_stdout(config: Path, capsys: Capture) ->
     assert "only time" in shown.err
     assert shown.out.strip() not in shown.err
     key = KeyRing(config.parent / "secrets" / "keys.json", required=False).find(shown.out.strip())
-    assert key is not None
     assert (key.name, key.scope, key.zones) == ("grafana", "read", ("living",))
 
 

@@ -63,7 +63,6 @@ def test_a_set_point_is_delivered_beside_the_channels(tmp_path: Path) -> None:
     tables["zones"][0]["channels"]["u_heat"]["valid"] = [0, 500]
     config = load(write(tmp_path, tables))
     zone = config.zones[0]
-    assert zone.setpoint is not None
     assert (zone.setpoint.aggregate, zone.setpoint.valid) == ("mean", (-60.0, 80.0))
     (binding,) = [binding for binding in config.bindings("log") if binding.id == "living/setpoint"]
     assert (binding.unit, binding.usual) == ("degC", (5.0, 40.0))

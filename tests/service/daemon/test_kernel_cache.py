@@ -28,8 +28,6 @@ def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], Any]
 
     def load() -> Any:
         spec = importlib.util.spec_from_file_location("sample_kernel", path)
-        assert spec is not None
-        assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
         return module.plus_one

@@ -55,10 +55,8 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Shard, dict[
     monkeypatch.setattr(peers, "own_node", lambda: "0123456789abcdef")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     shard, zones = Shard("campus", "shard-0"), {name: Slow() for name in ZONES}
-    running: Any = zones
-    feed = Feed("clients", load(path), running, ZONES, Tally())
-    work: Any = SimpleNamespace(zones=zones, runtime=SimpleNamespace(feeds=[feed]))
-    shard._work = work
+    feed = Feed("clients", load(path), zones, ZONES, Tally())
+    shard._work = SimpleNamespace(zones=zones, runtime=SimpleNamespace(feeds=[feed]))
     shard.version = 1
     return shard, zones
 

@@ -37,8 +37,7 @@ def test_a_zone_that_is_refused_can_be_taken_by_another_shard(tmp_path: Path, po
     innocent: Any = SimpleNamespace(guilty={})
 
     async def use() -> None:
-        own: Any = SimpleNamespace(store=first)
-        sound, refused, waiting = await claimed(config, own, innocent)
+        sound, refused, waiting = await claimed(config, SimpleNamespace(store=first), innocent)
         assert (sound.zones, refused, waiting) == (config.zones, {}, frozenset())
         await first.append("room-0001", make_sample(1))
         for zone in (config.zones[0], config.zones[1], config.zones[3]):

@@ -31,7 +31,6 @@ def test_a_forecast_begins_with_the_published_one_and_asking_changes_nothing(
     assert worker.latest is not None
     fans = [fan_of(worker, 12, {"u_heat": 500.0}, (0.95,)) for _ in range(2)]
     for fan in fans:
-        assert fan is not None
         (output,), (published,) = fan.outputs, worker.latest.forecast.outputs
         interval = published.intervals[0]
         first = (output.mean[0], output.median[0], output.sd[0], output.lower[0, 0], output.upper[0, 0])
@@ -56,8 +55,6 @@ def test_fewer_draws_forecast_nearly_the_same(workers: dict[str, ZoneWorker]) ->
     worker = workers["rbpf"]
     few = question(36)._replace(detail=detail([36])._replace(draws=30))
     whole, part = fan_of(worker, 36), few(worker, NO_WEATHER, lambda: False)
-    assert whole is not None
-    assert part is not None
     left, right = whole.outputs[0], part.outputs[0]
     assert np.abs(left.mean[1:] - right.mean[1:]).max() > 0.0
     assert (np.abs(left.mean - right.mean) < 5.0 * left.sd / np.sqrt(30)).all()
@@ -73,13 +70,11 @@ def test_scenarios_of_a_model_without_physics_are_refused(workers: dict[str, Zon
     with pytest.raises(NoModel, match="it knows no physics"):
         asked(workers["arx"], NO_WEATHER, lambda: False)
     fan = asked(workers["ekf"], NO_WEATHER, lambda: False)
-    assert fan is not None
     assert fan.outputs[0].scenarios.shape == (5, 4)
 
 
 def test_what_a_neighbour_does_is_shifted_to_when_the_forecast_begins() -> None:
     worker = worker_of(Room("ekf", "ecolar-6r4c"))
-    assert worker.latest is not None
     start = worker.latest.forecast.valid_time
     values = 20.0 + np.arange(6.0)
     origin = InputOrigin("T_adj", "neighbour", "next door", 0.0, Quality.GOOD)
@@ -88,7 +83,6 @@ def test_what_a_neighbour_does_is_shifted_to_when_the_forecast_begins() -> None:
     def means(first: float, told: np.ndarray) -> np.ndarray:
         asked = question(6)._replace(neighbours={"T_adj": Neighbour(first, told, origin)})
         fan = asked(worker, NO_WEATHER, lambda: False)
-        assert fan is not None
         assert fan.origins[worker.network.inputs.index("T_adj")] == origin
         return np.asarray(fan.outputs[0].mean)
 

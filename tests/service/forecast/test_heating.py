@@ -71,7 +71,6 @@ def test_the_next_likely_rise_of_the_set_point_is_prepared_for(worker):
 def test_the_room_is_warm_in_time_and_would_not_be_much_later(worker):
     by = MIDNIGHT + 6.5
     found = answer(worker, PreheatQuestion(21.0, by * 3600.0, 0.9, 0.5))
-    assert found.start is not None
     start = found.start / 3600.0 - MIDNIGHT
     assert found.minutes == pytest.approx(60.0 * (6.5 - start))
     assert found.reached >= 0.9

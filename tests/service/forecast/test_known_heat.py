@@ -37,7 +37,6 @@ def worker() -> ZoneWorker:
 
 def test_matrices_have_the_measured_inputs_and_known_heat_beside_them(worker: ZoneWorker) -> None:
     model, standing = ModelQuestion(3, 16, "mkf")(worker, NO_WEATHER, lambda: False), worker.unstalled
-    assert model is not None
     assert standing is not None
     inputs = len(NETWORK.inputs)
     assert model.mean.B.shape == (4, inputs)
@@ -57,7 +56,6 @@ def test_matrices_have_the_measured_inputs_and_known_heat_beside_them(worker: Zo
 
 def test_a_simulation_step_by_step_is_driven_as_a_plan_is(worker: ZoneWorker) -> None:
     standing = worker.unstalled
-    assert standing is not None
     drawn = worker.estimator.draws(standing.state, 8)
     assert drawn is not None
     models, first = of_draws(drawn, PERIOD, 1), float(standing.update.forecast.valid_time)

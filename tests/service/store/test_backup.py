@@ -107,7 +107,6 @@ def test_nothing_is_overwritten(kept: Path, tmp_path: Path) -> None:
         restore_backup(state, "house", kept, replace=False)
     assert {path: path.read_bytes() for path in before} == before
     _, aside = restore_backup(state, "house", kept, replace=True)
-    assert aside is not None
     assert (aside / JOURNAL).exists()
     assert len(list((aside / CHECKPOINTS / "z").glob("*.npz"))) == 2
     hold_that_it_goes_on(state)
@@ -392,7 +391,6 @@ def test_the_kept_configuration_comes_along(kept: Path, tmp_path: Path) -> None:
     assert stat.S_IMODE((tmp_path / "new" / CONFIGURATION).stat().st_mode) & 0o077 == 0, "it may hold passwords"
     (state / CONFIGURATION).write_text("# of today\n", encoding="utf-8")
     _, aside = restore_backup(state, "house", target, replace=True)
-    assert aside is not None
     assert (aside / CONFIGURATION).read_text() == "# of today\n"
     assert (state / CONFIGURATION).read_text() == "# of the backup\n"
     # One from before they had any leaves the folder's own where it is.

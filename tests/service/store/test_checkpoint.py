@@ -45,7 +45,6 @@ def test_round_trip_is_bit_exact_in_a_plain_npz(store: CheckpointStore) -> None:
     path = store.save("living", make(12))
     assert path.name == "000000000012.npz"
     loaded = store.load("living", "f1")
-    assert loaded is not None
     assert bits(make(12).arrays) == bits(loaded.arrays)
     assert (loaded.fingerprint, loaded.step, loaded.meta) == ("f1", 12, make(12).meta)
     with np.load(path, allow_pickle=False) as archive:
@@ -76,7 +75,6 @@ def test_what_is_damaged_gives_no_other_numbers_and_is_set_aside(
     for content, certain in broken(path.read_bytes()):
         path.write_bytes(content)
         loaded = store.load("living", "f1")
-        assert loaded is not None
         assert bits(make(loaded.step).arrays) == bits(loaded.arrays)
         assert loaded.meta == make(loaded.step).meta
         if loaded.step == 2:
@@ -121,7 +119,6 @@ def test_a_checkpoint_of_another_zone_is_not_taken(tmp_path: Path, caplog: pytes
     path = store.save("attic", make(600))
     path.rename(tmp_path / "kitchen" / path.name)
     found = store.load("kitchen", "f1")
-    assert found is not None
     assert (found.step, found.zone) == (300, "kitchen")
     assert "it is of zone 'attic'" in caplog.text
 

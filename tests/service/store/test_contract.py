@@ -223,13 +223,11 @@ async def test_the_newest_three_checkpoints_are_kept_whole_and_a_damaged_one_is_
         with pytest.raises(StateMismatch):
             store.checkpoints.load("z", "another")
         found = store.checkpoints.load("z", "f")
-        assert found is not None
         assert (found.step, found.meta, found.about, found.zone) == (400, {"a": [1, None]}, {"b": "c"}, "z")
         np.testing.assert_array_equal(found.arrays["x"], np.arange(5.0) + 400)
         kept.damage_checkpoint(400)
         for _ in range(2):
             again = store.checkpoints.load("z", "f")
-            assert again is not None
             assert again.step == 300
     assert caplog.text.count("is damaged") == 1
 

@@ -45,8 +45,7 @@ def counted(library: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str
             check=False,
         )
     assert done.returncode == 0, done.stderr
-    counts: dict[str, dict[str, int]] = json.loads(done.stdout)
-    return counts
+    return json.loads(done.stdout)
 
 
 @pytest.mark.parametrize("workload", WORKLOADS)

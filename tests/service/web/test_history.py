@@ -1,7 +1,6 @@
 """Long histories: page by page, the same answer as in one piece, and few of them at a time."""
 
 import asyncio
-from typing import Any
 
 import pytest
 from fastapi import FastAPI
@@ -63,8 +62,7 @@ async def test_one_client_leaves_room_for_another_and_short_histories_wait_for_n
 
     async def ask(name: str, limit: int) -> bytes:
         asked_by(Asker(name))
-        view: Any = slow
-        return await written("htwg", view, None, None, limit, limiter)
+        return await written("htwg", slow, None, None, limit, limiter)
 
     greedy = [asyncio.create_task(ask("greedy", 20_000)) for _ in range(5)]
     await until(lambda: slow.reading)
@@ -82,7 +80,6 @@ async def test_nothing_is_read_for_a_client_that_has_gone(zone: FakeZone) -> Non
     asker, slow = Asker("gone"), Slow(zone)
     asker.gone.set()
     asked_by(asker)
-    view: Any = slow
     with pytest.raises(ServiceError, match="nobody waits for it"):
-        await written("htwg", view, None, None, 20_000, Limiter())
+        await written("htwg", slow, None, None, 20_000, Limiter())
     assert slow.reading == []

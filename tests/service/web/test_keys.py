@@ -46,7 +46,6 @@ def test_a_daemon_follows_keys_that_come_and_go_and_says_so(file: Path, caplog: 
     with caplog.at_level(logging.INFO):
         first, second = create_key(file, "one", "read", ["living"]), create_key(file, "two", "admin")
         found = ring.find(first)
-        assert found is not None
         assert (found.name, found.scope, found.zones) == ("one", "read", ("living",))
         assert ring.find(second) is not None
         assert [ring.find(text) for text in ("tg_nothing", "")] == [None, None]

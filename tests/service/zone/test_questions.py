@@ -91,7 +91,6 @@ async def test_the_server_says_when_a_client_has_gone() -> None:
     @app.get("/long")
     async def long() -> None:
         asker = current_asker()
-        assert asker is not None
         seen.append(asker)
         await until(asker.gone.is_set)
 

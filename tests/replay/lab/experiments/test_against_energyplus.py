@@ -48,8 +48,6 @@ def test_what_was_not_known_has_no_figure() -> None:
 @needs_energyplus
 def test_a_building_of_energyplus_is_a_recording_with_its_truth() -> None:
     recording = RECORDINGS["EnergyPlus house"](None)
-    assert recording is not None
-    assert recording.known is not None
     assert len(recording.series.times) == 28 * 288
     assert recording.network.inputs == ("T_out", "T_adj_upper", "u_heat", "I_sol")
     assert not recording.measured
@@ -58,7 +56,6 @@ def test_a_building_of_energyplus_is_a_recording_with_its_truth() -> None:
     assert np.nanmin(recording.known.gain[1:]) < -1000, "open windows"
     assert np.nanmax(recording.known.gain) > 1500, "cooking"
     week = recording.first_days(7)
-    assert week.known is not None
     assert len(week.known.gain) == len(week.series.times) == 7 * 288
     np.testing.assert_array_equal(week.known.gain[1:], recording.known.gain[1 : 7 * 288])
 

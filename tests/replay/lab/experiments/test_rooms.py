@@ -24,7 +24,6 @@ def test_a_room_is_read_from_the_rows_that_are_its_own(tmp_path: Path) -> None:
     lines = [f"22-508-1,2017-03-21T00:{m}0:00,{20 + m},50,0,1,{'' if m == 3 else 9},6\n" for m in range(6)]
     other = "22-511-2,2017-03-21T00:00:00,18,0,0,0,9,6\n"
     found = read_room("OU44 22-508-1", written(tmp_path, HEAD + other + "".join(lines)))
-    assert found is not None
     assert found.network.inputs == ("T_out", "u_heat", "I_sol")
     np.testing.assert_array_equal(found.series.outputs[:, 0], [20, 21, 22, 23, 24, 25])
     np.testing.assert_array_equal(found.series.inputs, [[9, 500, 6]] * 6)
