@@ -124,8 +124,7 @@ class Binding(NamedTuple):
 
     def edge(self, rollover: float | None = None) -> Edge:
         """How raw values become values of the channel."""
-        edge: Edge = self.channel.edge(self.unit, rollover, self.usual)
-        return edge
+        return self.channel.edge(self.unit, rollover, self.usual)
 
     def reads_like(self, other: Binding) -> bool:
         """Whether a source delivers the same readings to both; the rest of their tables is of no concern to it."""
@@ -160,8 +159,7 @@ class SourceConfig(BaseModel):
 
     def build(self, name: str, bindings: Sequence[Binding]) -> Source:
         """The source called `name`, delivering to `bindings`."""
-        built: Source = resolve_name(self.source)(name, self, bindings)
-        return built
+        return resolve_name(self.source)(name, self, bindings)
 
 
 class RecordedConfig(SourceConfig):

@@ -331,8 +331,7 @@ class OneState:
 
     def pack(self, state: Any) -> dict[str, Array]:
         """The arrays of a state, by name."""
-        packed: dict[str, Array] = state._asdict()
-        return packed
+        return state._asdict()
 
     def unpack(self, arrays: Mapping[str, Array]) -> Any:
         """The state of packed arrays."""

@@ -65,8 +65,7 @@ def weights(costs: Costs, prior: Array, rate: float, sharing: float) -> Array:
 
     A day ahead there is little evidence: of what counts at a horizon, `sharing` counts at the next longer one as well.
     """
-    found: Array = _weights(costs.excess, prior, rate, sharing)
-    return found
+    return _weights(costs.excess, prior, rate, sharing)
 
 
 def costs_of(parts: Sequence[Mixture], now: Array, output: int, value: float) -> tuple[Array, float]:
@@ -136,5 +135,4 @@ def between(values: Array, leads: Sequence[int], wanted: Array) -> Array:
     low = np.minimum(place.astype(np.int64), len(leads) - 1)
     high = np.minimum(low + 1, len(leads) - 1)
     share = place - low
-    mixed: Array = values[..., low] * (1.0 - share) + values[..., high] * share
-    return mixed
+    return values[..., low] * (1.0 - share) + values[..., high] * share

@@ -246,18 +246,15 @@ class Direct(Regression):
 
     def _sums(self, inputs: Array) -> Array:
         """(m + 1, n_u): sums of the first rows of scaled `inputs` (m, n_u)."""
-        found: Array = _sums(inputs, self.level, self._scale)
-        return found
+        return _sums(inputs, self.level, self._scale)
 
     def _trust(self, state: DirectState) -> Array:
         """(n_y, L): what share of a foretold change has come true."""
-        found: Array = _trusts(state.verified, _DOUBTED * self._day, self._believed)
-        return found
+        return _trusts(state.verified, _DOUBTED * self._day, self._believed)
 
     def _sds(self, state: DirectState) -> Array:
         """(n_y, L): standard deviations [K] at the leads, from the errors of verified forecasts."""
-        found: Array = _spreads(state.verified, self._presumed, self._growth, self._like)
-        return found
+        return _spreads(state.verified, self._presumed, self._growth, self._like)
 
 
 @njit(cache=True, nogil=True)

@@ -74,8 +74,7 @@ def clear_sky(position: Sun) -> Array:
     """Mean horizontal irradiance (L,) [W/m2] under a clear sky, of L intervals in which the sun is known at S times
     each (L, S)."""
     height = np.maximum(position.up, 1e-3)
-    mean: Array = np.where(position.up > 0.0, 1098.0 * height * np.exp(-0.057 / height), 0.0).mean(axis=1)
-    return mean
+    return np.where(position.up > 0.0, 1098.0 * height * np.exp(-0.057 / height), 0.0).mean(axis=1)
 
 
 def diffuse_fraction(clearness: Array) -> Array:

@@ -32,8 +32,7 @@ _END = 1.0 / (1.0 + 40.0 * _STRETCH)
 
 def _scaled_tail(place: Array) -> Array:
     u = 0.5 * ((1.0 - _END) * place + 1.0 + _END)
-    scaled: Array = erfcx((1.0 / u - 1.0) / (_STRETCH * sqrt(2.0))) / (2.0 * u)
-    return scaled
+    return erfcx((1.0 / u - 1.0) / (_STRETCH * sqrt(2.0))) / (2.0 * u)
 
 
 _TAIL = [float(c) for c in cheb2poly(Chebyshev.interpolate(_scaled_tail, 15).coef)[::-1]]

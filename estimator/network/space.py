@@ -57,8 +57,7 @@ class ParameterSpace(NamedTuple):
         place = self._placed(place, share)
         if self.logit:
             edge = np.finfo(float).eps
-            coordinates: Array = logit(np.clip(place, edge, 1 - edge))
-            return coordinates
+            return logit(np.clip(place, edge, 1 - edge))
         return self.lower[:, None] + (self.upper - self.lower)[:, None] * place
 
     def _placed(self, place: Array, share: float) -> Array:

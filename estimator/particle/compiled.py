@@ -77,8 +77,7 @@ class CompiledSteps(ReferenceSteps):
 
     def mean_log_parameters(self, coordinates: Array, weights: Array) -> Array:
         """Posterior mean (d,) of phi."""
-        mean: Array = kernels.mean_log_parameters(self._where, coordinates, weights)
-        return mean
+        return kernels.mean_log_parameters(self._where, coordinates, weights)
 
     def moments(self, coordinates: Array, weights: Array) -> tuple[Array, Array]:
         """Weighted mean (24) and covariance (25)."""

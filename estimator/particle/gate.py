@@ -21,8 +21,7 @@ def weighted_quantiles(values: Array, weights: Array, levels: Array) -> Array:
     order = np.argsort(values)
     cumulated = np.cumsum(weights[order])
     index = np.searchsorted(cumulated, levels * cumulated[-1])
-    quantiles: Array = values[order[np.minimum(index, len(values) - 1)]]
-    return quantiles
+    return values[order[np.minimum(index, len(values) - 1)]]
 
 
 def learning_gate(histogram: Array, log_median: float, options: Options) -> Gate:

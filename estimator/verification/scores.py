@@ -43,8 +43,7 @@ def crps(mixture: Mixture, output: int, value: float) -> float:
 def gaussian_crps(mean: Array, sd: Array, value: float) -> Array:
     """Continuous ranked probability scores [K] of Gaussians with `mean` and `sd` (n,) against `value`."""
     z = (value - mean) / sd
-    scores: Array = sd * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * np.exp(-0.5 * z**2) / _ROOT_2_PI - 1.0 / _ROOT_PI)
-    return scores
+    return sd * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * np.exp(-0.5 * z**2) / _ROOT_2_PI - 1.0 / _ROOT_PI)
 
 
 def distribution(mixture: Mixture, output: int, value: float) -> float:

@@ -46,8 +46,7 @@ def as_distributed(paths: Array, mixtures: Mixtures) -> Array:
     levels = (np.arange(count) + 0.5) / count
     places = np.argsort(np.argsort(paths, axis=0, kind="stable"), axis=0)
     values = summary(mixtures, levels, exact=False).quantiles
-    found: Array = np.take_along_axis(values.transpose(2, 0, 1), places, axis=0)
-    return found
+    return np.take_along_axis(values.transpose(2, 0, 1), places, axis=0)
 
 
 @njit(cache=True, nogil=True)

@@ -162,8 +162,7 @@ def remember(site: str, plan: Plan) -> None:
 def remembered(site: str) -> Plan | None:
     """The plan that was kept last; None if none was."""
     kept = _internal_kv_get(_PLAN, namespace=namespace(site).encode())
-    plan: Plan | None = None if kept is None else cloudpickle.loads(kept)
-    return plan
+    return None if kept is None else cloudpickle.loads(kept)
 
 
 def forget(site: str) -> None:
@@ -178,8 +177,7 @@ def nodes() -> dict[str, str]:
 
 def own_node() -> str:
     """The id of the machine that this process is on."""
-    node: str = ray.get_runtime_context().get_node_id()
-    return node
+    return ray.get_runtime_context().get_node_id()
 
 
 def end_process() -> None:

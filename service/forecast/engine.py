@@ -119,8 +119,7 @@ class FixedRoom:
 
     def outputs(self) -> Array:
         """(n_y,) [degC] now."""
-        row: Array = self._path[min(self._step, len(self._path) - 1)]
-        return row
+        return self._path[min(self._step, len(self._path) - 1)]
 
     def step(self, inputs: Array) -> None:
         """One step on."""
@@ -202,8 +201,7 @@ def _paths(zone: PlannedZone, rows: Array, count: int, lawful: LiveFan | None, f
         return lawful.paths(count)
     own = getattr(worker.estimator, "scenarios", None)
     if own is not None:
-        paths: Array = own(standing.state, rows, count)
-        return paths
+        return own(standing.state, rows, count)
     draws = model_draws(worker, standing, count)
     origin = standing.update.time // worker.period
     paths = sampled_paths(draws, worker.period, rows, worker.settings.seed, origin)

@@ -43,8 +43,7 @@ class PlannedZone(NamedTuple):
     def driving(self, step: int, inputs: Array) -> Array:
         """What drives the estimator at one step of the grid, under inputs (n_u,)."""
         time = float(self.grid.start + step * self.grid.period)
-        row: Array = self.worker.loop.driving(np.array([time]), inputs[None])[0]
-        return row
+        return self.worker.loop.driving(np.array([time]), inputs[None])[0]
 
     def ahead(self, outlook: Outlook) -> Ahead:
         """What the inputs of `outlook` are to the estimator, and how sure they are."""

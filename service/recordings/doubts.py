@@ -140,8 +140,7 @@ def _of_gaps(zone: ZoneConfig, times: Array, values: Array) -> Iterator[str]:
 
 def _age(times: Array, measured: npt.NDArray[np.bool_]) -> Array:
     """(L,): time since the last sample that was `measured` (L,) [s]; infinite before the first."""
-    newest: Array = np.maximum.accumulate(np.where(measured, times, -np.inf))
-    return times - newest
+    return times - np.maximum.accumulate(np.where(measured, times, -np.inf))
 
 
 def _of_clock(zone: ZoneConfig, times: Array, values: Array, remedies: Remedies) -> Iterator[str]:

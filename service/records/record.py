@@ -101,8 +101,7 @@ def names(kind: type) -> tuple[str, ...]:
 
 def values(one: Any) -> tuple[Any, ...]:
     """The values of the fields of a record, in their order."""
-    found: tuple[Any, ...] = _getter(one.__class__)(one)
-    return found
+    return _getter(one.__class__)(one)
 
 
 def to_json(one: Any) -> bytes:

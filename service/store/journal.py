@@ -313,13 +313,11 @@ class Journal:
 
     def sample_time_until(self, zone: str, time: int) -> int | None:
         """Time of the newest stored sample of `zone` up to `time`, skipped or not."""
-        newest: int | None = self.read("SELECT max(time) FROM samples WHERE zone = ? AND time <= ?", zone, time)[0][0]
-        return newest
+        return self.read("SELECT max(time) FROM samples WHERE zone = ? AND time <= ?", zone, time)[0][0]
 
     def first_time(self, table: str, zone: str) -> int | None:
         """Time of the oldest row of `zone` in a table."""
-        first: int | None = self.read(f"SELECT min(time) FROM {table} WHERE zone = ?", zone)[0][0]
-        return first
+        return self.read(f"SELECT min(time) FROM {table} WHERE zone = ?", zone)[0][0]
 
     def samples_ahead(self, zone: str, after: int) -> int:
         """How many samples of `zone` are later than `after`."""

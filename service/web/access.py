@@ -52,8 +52,7 @@ NOBODY = Caller(name="nobody", zones=())
 
 async def caller_of(request: Request) -> Caller:
     """Dependency: who asks."""
-    caller: Caller = request.scope["state"]["caller"]
-    return caller
+    return request.scope["state"]["caller"]
 
 
 Asking = Annotated[Caller, Depends(caller_of)]

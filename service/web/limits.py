@@ -147,8 +147,7 @@ async def stream_slot(request: Request) -> AsyncIterator[None]:
     RequestRefused (429 or 503) before the answer begins if there is none. The client is the caller's key, without
     keys the address.
     """
-    limiter: Limiter = request.app.state.limiter
-    async with limiter.turn(STREAMS):
+    async with request.app.state.limiter.turn(STREAMS):
         yield
 
 

@@ -48,8 +48,7 @@ class Site(NamedTuple):
 
 async def site_of(request: Request) -> Site:
     """Dependency: the site that is asked about."""
-    found: Site = request.app.state.site
-    return found
+    return request.app.state.site
 
 
 Here = Annotated[Site, Depends(site_of)]

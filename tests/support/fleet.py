@@ -187,8 +187,7 @@ class Fleet(Program):
             command = [*self._command("status"), "--json", "--every", "0.3"]
             self._watch = Program(command, self._told, env=environment(), start_new_session=True)
         lines = [line for line in self._told.read_text().split("\n")[:-1] if line.startswith("{")]
-        found: dict[str, Any] = json.loads(lines[-1]) if lines else {"members": [], "moving_zones": 0}
-        return found
+        return json.loads(lines[-1]) if lines else {"members": [], "moving_zones": 0}
 
     def members(self, kind: str) -> list[dict[str, Any]]:
         """The members whose names begin so, as far as they are ready."""

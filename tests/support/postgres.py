@@ -91,8 +91,7 @@ class Server:
             cursor = connection.cursor()
             for statement in statements:
                 cursor.execute(statement.encode())
-            rows: list[tuple[Any, ...]] = cursor.fetchall() if cursor.description else []
-            return rows
+            return cursor.fetchall() if cursor.description else []
 
     def disconnect(self) -> None:
         """End the sessions of the stores; they make new ones."""

@@ -85,18 +85,15 @@ class RemoteZone:
 
     async def ask(self, question: Question[Answer]) -> Answer:
         """The answer to a question, computed by the shard."""
-        answer: Answer = await self._ask("ask", question)
-        return answer
+        return await self._ask("ask", question)
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """History rows, oldest first."""
-        rows: list[HistoryRow] = await self._ask("history", start, end, limit)
-        return rows
+        return await self._ask("history", start, end, limit)
 
     async def series(self, start: int, end: int, points: int) -> Series:
         """The history of [start, end), UTC s, thinned out."""
-        series: Series = await self._ask("series", start, end, points)
-        return series
+        return await self._ask("series", start, end, points)
 
     async def _ask(self, method: str, *arguments: Any) -> Any:
         asker = current_asker()

@@ -51,8 +51,7 @@ class PostgresCheckpoints(Checkpoints):
 
     def oldest(self, zone: str) -> int | None:
         query = "SELECT min(step) FROM checkpoints WHERE zone = ? AND NOT damaged"
-        step: int | None = self._read(query, zone)[0][0]
-        return step
+        return self._read(query, zone)[0][0]
 
     def set_aside(self, zone: str, after: int = BEGINNING - 1) -> None:
         aside = f"{zone}@{datetime.now(UTC).isoformat()}"

@@ -20,8 +20,7 @@ METER = {"id": "office/u_heat", "unit": "kWh", "to": "W"}
 
 
 def source(*channels: dict[str, Any]) -> HttpSource:
-    found: HttpSource = TABLE.build("telegraf", [bound(TABLE, **one) for one in channels or (ROOM, ROOF, HALL, METER)])
-    return found
+    return TABLE.build("telegraf", [bound(TABLE, **one) for one in channels or (ROOM, ROOF, HALL, METER)])
 
 
 def names(readings: list[Reading]) -> list[str]:

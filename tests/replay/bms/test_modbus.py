@@ -32,8 +32,7 @@ def on_modbus(*faults: str) -> Callable[[Look], Callable[[], None]]:
 
 
 async def words(client: Any, kind: str, address: int, count: int, unit: int) -> list[int]:
-    found: list[int] = (await getattr(client, f"read_{kind}_registers")(address, count=count, device_id=unit)).registers
-    return found
+    return (await getattr(client, f"read_{kind}_registers")(address, count=count, device_id=unit)).registers
 
 
 def live(plant: Any, clock: Clock, seconds: float) -> None:

@@ -174,8 +174,7 @@ def learned(case: Case, theta: Array) -> Figures:
 
 def _indoor(case: Case) -> Array:
     """The noise-free temperature (K,)."""
-    indoor: Array = case.truth.states[:, NETWORK.nodes.index(NETWORK.measured[0])]
-    return indoor
+    return case.truth.states[:, NETWORK.nodes.index(NETWORK.measured[0])]
 
 
 def since_change(dominated: Mask) -> Array:
