@@ -1,6 +1,5 @@
 """Polls keep their rhythm, on a clock of its own by which a poll takes as long as is said."""
 
-import asyncio
 from types import SimpleNamespace
 
 import pytest
@@ -17,7 +16,7 @@ from adapters.rhythm import Rhythm
     ],
     ids=["one that is late moves those after it", "what was missed is not made up for"],
 )
-def test_polls_keep_their_rhythm_and_late_ones_are_counted(took, began, late, caplog, monkeypatch):
+async def test_polls_keep_their_rhythm_and_late_ones_are_counted(took, began, late, caplog, monkeypatch):
     clock = SimpleNamespace(now=0.0)
 
     async def sleep(seconds):
@@ -27,14 +26,11 @@ def test_polls_keep_their_rhythm_and_late_ones_are_counted(took, began, late, ca
     monkeypatch.setattr(adapters.rhythm, "asyncio", SimpleNamespace(get_running_loop=lambda: loop, sleep=sleep))
     rhythm, times = Rhythm("sources.bms", 0.1), [0.0]
 
-    async def polled():
-        rhythm.begin()
-        for seconds in took:
-            clock.now += seconds
-            await rhythm.wait()
-            times.append(clock.now)
-
-    asyncio.run(polled())
+    rhythm.begin()
+    for seconds in took:
+        clock.now += seconds
+        await rhythm.wait()
+        times.append(clock.now)
     assert times == pytest.approx(began)
     assert rhythm.late == late
     assert caplog.text.count("sources.bms: a poll took") == late

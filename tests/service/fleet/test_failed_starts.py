@@ -1,6 +1,5 @@
 """A shard whose start fails leaves nothing behind that stands against the next one."""
 
-import asyncio
 import os
 import threading
 from pathlib import Path
@@ -62,7 +61,7 @@ def own_threads() -> list[str]:
 
 
 @pytest.mark.parametrize("step", STEPS)
-def test_a_start_that_fails_gives_back_its_lease_and_closes_its_sinks(
+async def test_a_start_that_fails_gives_back_its_lease_and_closes_its_sinks(
     step: str, tmp_path: Path, postgres_server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     site = f"begin-{os.getpid()}-{list(STEPS).index(step)}"
@@ -78,7 +77,7 @@ def test_a_start_that_fails_gives_back_its_lease_and_closes_its_sinks(
         monkeypatch.setitem(SINK_KINDS, kind.name, kind)
     crashes = Crashes(site, "shard-0", tmp_path)
 
-    async def scenario() -> None:
+    try:
         before = own_threads()
         with monkeypatch.context() as patch:
             for place, method in STEPS[step]:
@@ -102,8 +101,5 @@ def test_a_start_that_fails_gives_back_its_lease_and_closes_its_sinks(
         await work.stop()
         assert own_threads() == before
         assert not ended
-
-    try:
-        asyncio.run(scenario())
     finally:
         crashes.close()

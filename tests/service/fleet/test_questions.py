@@ -52,29 +52,26 @@ class Direct:
         return await getattr(self._shard, method)(*arguments)
 
 
-def test_a_question_is_given_up_with_its_client(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_question_is_given_up_with_its_client(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(peers, "own_node", lambda: "0123456789abcdef")
     monkeypatch.setattr(module, "Crashes", lambda site, name: SimpleNamespace(suspects=()))
     monkeypatch.setattr(views_module, "LOOK", 0.05)
     stopping = threading.Event()
 
-    async def scenario() -> None:
-        shard: Any = Shard("campus", "shard-0")
-        room = Pondering(Questions(pool, stopping))
-        shard._work = SimpleNamespace(zones={"room": room})
-        zone: Any = SimpleNamespace(id="room", shard=ShardView(Direct(shard)))
-        client = Asker("key heat")
-        asked_by(client)
-        asking = asyncio.create_task(RemoteZone._ask(zone, "skill"))
-        assert await asyncio.to_thread(room.at_work.wait, 5)
-        client.gone.set()
-        with pytest.raises(ServiceError, match="given up"):
-            await asking
-        await until(room.ended.is_set)
-
     with ThreadPoolExecutor(THREADS) as pool:
         try:
-            asyncio.run(scenario())
+            shard: Any = Shard("campus", "shard-0")
+            room = Pondering(Questions(pool, stopping))
+            shard._work = SimpleNamespace(zones={"room": room})
+            zone: Any = SimpleNamespace(id="room", shard=ShardView(Direct(shard)))
+            client = Asker("key heat")
+            asked_by(client)
+            asking = asyncio.create_task(RemoteZone._ask(zone, "skill"))
+            assert await asyncio.to_thread(room.at_work.wait, 5)
+            client.gone.set()
+            with pytest.raises(ServiceError, match="given up"):
+                await asking
+            await until(room.ended.is_set)
         finally:
             stopping.set()
 

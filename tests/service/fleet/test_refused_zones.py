@@ -1,6 +1,5 @@
 """Zones that a shard cannot run are refused one by one, and held by nobody."""
 
-import asyncio
 import os
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,7 +24,7 @@ from service.fleet.shards.shard import claimed
 SITE = f"refused-{os.getpid()}"
 
 
-def test_a_zone_that_is_refused_can_be_taken_by_another_shard(tmp_path: Path, postgres_server: Server) -> None:
+async def test_a_zone_that_is_refused_can_be_taken_by_another_shard(tmp_path: Path, postgres_server: Server) -> None:
     path = small_site(tmp_path, count=3, shards=2, site=SITE, lease=2.0)
     config = load(path)
     path.write_text(path.read_text(encoding="utf-8").replace('"ekf"', '"arx"', 1), encoding="utf-8")
@@ -36,7 +35,7 @@ def test_a_zone_that_is_refused_can_be_taken_by_another_shard(tmp_path: Path, po
     )
     innocent: Any = SimpleNamespace(guilty={})
 
-    async def use() -> None:
+    try:
         sound, refused, waiting = await claimed(config, SimpleNamespace(store=first), innocent)
         assert (sound.zones, refused, waiting) == (config.zones, {}, frozenset())
         await first.append("room-0001", make_sample(1))
@@ -52,8 +51,6 @@ def test_a_zone_that_is_refused_can_be_taken_by_another_shard(tmp_path: Path, po
         await first.give_up("room-0002")
         sound, refused, waiting = await claimed(changed, other, None, sound)
         assert (len(sound.zones), refused, waiting) == (3, {}, {"room-0001"})
-
-    async def pass_over() -> None:
         own: Any = SimpleNamespace(store=first)
         for step in range(2, MOST + 3):
             time = make_sample(step).time
@@ -65,10 +62,6 @@ def test_a_zone_that_is_refused_can_be_taken_by_another_shard(tmp_path: Path, po
             assert len(await first.samples_after("room-0001", None)) == 1, "the one of before"
         assert "3 processes ended" in refused["room-0001"]
         assert "it was like that with 3 others of a day" in refused["room-0001"]
-
-    try:
-        asyncio.run(use())
-        asyncio.run(pass_over())
     finally:
         first.close()
         second.close()

@@ -1,6 +1,5 @@
 """Who may ask what: every route with no key, a wrong one, and each kind of right one."""
 
-import asyncio
 import logging
 from pathlib import Path
 
@@ -111,20 +110,15 @@ def test_what_is_no_right_key_is_refused(app: FastAPI, file: Path, header: str) 
     assert 'error="invalid_token"' in answer.headers["www-authenticate"]
 
 
-def test_guessing_is_slowed_down_noted_and_does_not_lock_others_out(
+async def test_guessing_is_slowed_down_noted_and_does_not_lock_others_out(
     app: FastAPI, file: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(access, "HOLD_SECONDS", 0.001)
-    secret = create_key(file, "one", "read")
-
-    async def ask() -> list[httpx.Response]:
-        transport = httpx.ASGITransport(app, client=("10.0.0.5", 1234))
-        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
-            wrong = [await client.get("/zones", headers=bearer(f"tg_guess-{number}")) for number in range(30)]
-            return [*wrong, await client.get("/zones", headers=bearer(secret))]
-
-    with caplog.at_level(logging.INFO):
-        *wrong, right = asyncio.run(ask())
+    secret, transport = create_key(file, "one", "read"), httpx.ASGITransport(app, client=("10.0.0.5", 1234))
+    caplog.set_level(logging.INFO)
+    async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
+        wrong = [await client.get("/zones", headers=bearer(f"tg_guess-{number}")) for number in range(30)]
+        right = await client.get("/zones", headers=bearer(secret))
     assert [answer.status_code for answer in wrong] == [401] * FAILURES + [429] * (30 - FAILURES)
     assert 1 <= int(wrong[-1].headers["retry-after"]) <= 60
     assert right.status_code == 200

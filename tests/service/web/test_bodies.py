@@ -86,7 +86,7 @@ def test_digits_are_those_of_ascii(app: FastAPI) -> None:
         assert get(app, f"{PLAN}?{query}").status_code == 422
 
 
-def test_bodies_of_all_clients_together_find_room_or_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_bodies_of_all_clients_together_find_room_or_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bodies, "AT_ONCE", 3)
     monkeypatch.setattr(bodies, "AT_ONCE_OF_ONE", 2)
     release = asyncio.Event()
@@ -108,17 +108,15 @@ def test_bodies_of_all_clients_together_find_room_or_are_refused(monkeypatch: py
     async def ask(client: str) -> int:
         return (await in_process.ask(gate, "POST", PLAN, body=b"x" * 100, state={"client": client})).status
 
-    async def scenario() -> list[int]:
-        asked: list[asyncio.Task[int]] = []
-        for client in ("greedy", "greedy", "greedy", "other", "other", "third"):
-            before = taken
-            asked.append(asyncio.create_task(ask(client)))
-            while taken == before and not asked[-1].done():
-                await asyncio.sleep(0)
-        release.set()
-        return [*await asyncio.gather(*asked), await ask("greedy")]
-
-    assert asyncio.run(scenario()) == [200, 200, 429, 200, 503, 200, 200], "a third has its share all the same"
+    asked: list[asyncio.Task[int]] = []
+    for client in ("greedy", "greedy", "greedy", "other", "other", "third"):
+        before = taken
+        asked.append(asyncio.create_task(ask(client)))
+        while taken == before and not asked[-1].done():
+            await asyncio.sleep(0)
+    release.set()
+    statuses = [*await asyncio.gather(*asked), await ask("greedy")]
+    assert statuses == [200, 200, 429, 200, 503, 200, 200], "a third has its share all the same"
 
 
 def test_a_body_that_no_route_reads_is_not_taken_in(app: FastAPI) -> None:

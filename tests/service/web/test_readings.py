@@ -294,7 +294,7 @@ def sent_in_pieces(key: str, path: str, *messages: dict[str, Any]) -> tuple[Any,
 BEGUN = {"type": "http.request", "body": b"#", "more_body": True}
 
 
-def test_one_tenants_key_does_not_stop_the_readings_of_another(
+async def test_one_tenants_key_does_not_stop_the_readings_of_another(
     app: FastAPI, desk: Desk, key: str, file: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Requests that never end, and as many whole ones as a key may have waiting for a journal that hangs."""
@@ -305,27 +305,23 @@ def test_one_tenants_key_does_not_stop_the_readings_of_another(
         body = entries({"channel": "a", "value": 1})
         return (await ask(app, "POST", "/readings", body=body, headers=headers)).status
 
-    async def run() -> list[int]:
-        slow = [asyncio.create_task(app(*sent_in_pieces(key, "/readings", BEGUN))) for _ in range(50)]
+    slow = [asyncio.create_task(app(*sent_in_pieces(key, "/readings", BEGUN))) for _ in range(50)]
+    await asyncio.sleep(0)
+    desk.open = asyncio.Event()
+    greedy = [asyncio.create_task(one(key)) for _ in range(WAITING + 3)]
+    while sum(task.done() for task in greedy) < 3:
         await asyncio.sleep(0)
-        desk.open = asyncio.Event()
-        greedy = [asyncio.create_task(one(key)) for _ in range(WAITING + 3)]
-        while sum(task.done() for task in greedy) < 3:
-            await asyncio.sleep(0)
-        honest = asyncio.create_task(one(other))
-        while desk.asked < OF_ONE + 1:
-            await asyncio.sleep(0)
-        assert not honest.done(), "it is with the journal, beside those of the other key"
-        desk.open.set()
-        statuses = [await honest, *await asyncio.gather(*greedy)]
-        for task in slow:
-            task.cancel()
-        await asyncio.gather(*slow, return_exceptions=True)
-        return statuses
-
-    honest, *greedy = asyncio.run(run())
-    assert honest == 200
-    assert Counter(greedy) == {200: WAITING, 429: 3}, "who posts faster than the journal writes waits, or is refused"
+    honest = asyncio.create_task(one(other))
+    while desk.asked < OF_ONE + 1:
+        await asyncio.sleep(0)
+    assert not honest.done(), "it is with the journal, beside those of the other key"
+    desk.open.set()
+    answers = await asyncio.gather(*greedy)
+    for task in slow:
+        task.cancel()
+    await asyncio.gather(*slow, return_exceptions=True)
+    assert await honest == 200
+    assert Counter(answers) == {200: WAITING, 429: 3}, "who posts faster than the journal writes waits, or is refused"
     told = {record.getMessage() for record in caplog.records if "refused" in record.getMessage()}
     assert told == {f"key telegraf has {WAITING} posts of readings open, and further ones are refused"}
 
