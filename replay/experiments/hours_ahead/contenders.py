@@ -6,6 +6,7 @@ from importlib.util import find_spec
 
 from estimator import registry
 from replay.errors import ReplayError
+from replay.experiments.hours_ahead.answered import ANSWERED, SCHEDULED, AnsweredRun, run_answered
 from replay.experiments.hours_ahead.direct import BLIND, BOOSTING, DIRECT, RIDGE, lightgbm, run_direct
 from replay.experiments.hours_ahead.forecasts import PERSISTENCE, YESTERDAY, PlainRun, leads_of, run_naive
 from replay.experiments.hours_ahead.recordings import Recording
@@ -27,7 +28,7 @@ _USUAL = (
 
 def seeded(contender: Contender) -> bool:
     """Whether it draws random numbers, and so runs once for each seed."""
-    return contender.estimator in registry.ESTIMATORS and contender.estimator not in DRAWS_NOTHING
+    return contender.estimator in (*registry.ESTIMATORS, *ANSWERED) and contender.estimator not in DRAWS_NOTHING
 
 
 def contenders(request: Request) -> list[Contender]:
@@ -53,7 +54,7 @@ def named(text: str, place: str = "--contender") -> Contender:
     """NAME, or NAME:OPTIONS with the options of an estimator as between the braces of a TOML table; ReplayError, which
     begins with the `place` of `text`, for anything else."""
     name, _, given = text.partition(":")
-    known = (*NAIVE, *DIRECT, *registry.ESTIMATORS)
+    known = (*NAIVE, *DIRECT, *ANSWERED, *registry.ESTIMATORS)
     if name not in known:
         raise ReplayError(f"{place} {text}: there is no '{name}'; the contenders are {', '.join(known)}")
     if given and name not in registry.ESTIMATORS:
@@ -77,9 +78,15 @@ def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) 
         work = run_naive if contender.estimator in NAIVE else run_direct
         run = PlainRun(contender.estimator, series, period, leads, seeds[0])
         yield Job(recording.name, contender.label, seeds[0], work, run)
-    else:
-        registry.resolve(contender.estimator, recording.network, period, contender.options)
-        for seed in seeds if seeded(contender) else seeds[:1]:
-            estimator, options, where = contender.estimator, contender.options, recording.whereabouts
-            filtering = FilterRun(estimator, options, recording.network, period, series, seed, where, leads)
-            yield Job(recording.name, contender.label, seed, run_hours, filtering)
+        return
+    answers = contender.estimator in ANSWERED
+    estimator, options, where = BANK if answers else contender.estimator, contender.options, recording.whereabouts
+    if contender.estimator.startswith(SCHEDULED) and series.setpoints is None:
+        return
+    registry.resolve(estimator, recording.network, period, options)
+    for seed in seeds if seeded(contender) else seeds[:1]:
+        zone = FilterRun(estimator, options, recording.network, period, series, seed, where, leads)
+        if answers:
+            yield Job(recording.name, contender.label, seed, run_answered, AnsweredRun(contender.estimator, zone))
+        else:
+            yield Job(recording.name, contender.label, seed, run_hours, zone)

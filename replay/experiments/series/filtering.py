@@ -30,17 +30,20 @@ class Series(NamedTuple):
     """Samples one period apart: UTC s (K,), outputs (K, n_y) and inputs (K, n_u) in the network's order.
 
     Inputs are complete. `starts` (K,) marks the samples that begin a segment, the first and each one after a gap; every
-    segment begins with a measured output. Later ones may be NaN, where nothing was measured.
+    segment begins with a measured output. Later ones may be NaN, where nothing was measured. `setpoints` (K,) [degC]
+    are NaN where nobody says; None where nobody ever does.
     """
 
     times: Seconds
     outputs: Array
     inputs: Array
     starts: Mask
+    setpoints: Array | None = None
 
     def rows(self, which: slice | Mask) -> Series:
         """The series of those rows, the first of which begins a segment."""
-        return Series(self.times[which], self.outputs[which], self.inputs[which], self.starts[which])
+        setpoints = None if self.setpoints is None else self.setpoints[which]
+        return Series(self.times[which], self.outputs[which], self.inputs[which], self.starts[which], setpoints)
 
 
 class FilterRun(NamedTuple):

@@ -17,6 +17,7 @@ from replay.recorded.stored import stored_samples
 from replay.scores.windows import Window
 from service.config.site import Config, ZoneConfig
 from service.recordings.samples import read_samples
+from service.records.outlook import SET_POINTS
 from service.records.sample import Sample
 
 
@@ -24,7 +25,7 @@ class ZoneRecord(NamedTuple):
     """Samples of a zone: UTC s (K,), ascending multiples of `period` s, and by channel its values (K,).
 
     A value is NaN where the interval had no usable reading; inputs have kept their last one as long as the zone holds
-    it.
+    it. Set-points, where anybody says, are among the columns as SET_POINTS.
     """
 
     times: Seconds
@@ -81,7 +82,10 @@ def record_of(samples: Sequence[Sample], table: ZoneConfig) -> ZoneRecord:
         age = table.channels[channel].max_age
         inputs.append(held(times, values, table.hold_inputs if age is None else age))
     values = np.column_stack([outputs, *inputs])
-    return ZoneRecord(times, int(table.period), dict(zip(network.channels, values.T, strict=True)))
+    columns = dict(zip(network.channels, values.T, strict=True))
+    if table.setpoint is not None:
+        columns.setdefault(SET_POINTS, np.array([sample.setpoint for sample in samples]))
+    return ZoneRecord(times, int(table.period), columns)
 
 
 def bridged(record: ZoneRecord, network: Network, max_gap: int) -> Series:
@@ -100,7 +104,9 @@ def bridged(record: ZoneRecord, network: Network, max_gap: int) -> Series:
             kept.append(row)
             starts.append(not continues)
             last = when
-    return Series(record.times[kept], outputs[kept], inputs[kept], np.array(starts, dtype=np.bool_))
+    setpoints = record.columns.get(SET_POINTS)
+    told = None if setpoints is None else setpoints[kept]
+    return Series(record.times[kept], outputs[kept], inputs[kept], np.array(starts, dtype=np.bool_), told)
 
 
 def pieces(record: ZoneRecord, output: str, inputs: Sequence[str], shortest: float) -> list[Window]:

@@ -30,6 +30,7 @@ from replay.simulated import ecolar
 from replay.simulated.semi_synthetic import PERIOD as WEATHER_PERIOD
 from service.config.known_heat import usually_heated
 from service.config.site import Whereabouts
+from service.records.outlook import SET_POINTS
 
 _DATA_SEED = 1
 """Of simulated recordings: the seeds of a run are the estimators' own."""
@@ -42,6 +43,8 @@ FILES = (*rooms.FILES, WEATHER)
 
 FIRST_DAY, _DAYS = date(2025, 1, 6), 28
 """Of the recordings of EnergyPlus: three weeks to learn in, and one more."""
+
+KEPT_WARM = "EnergyPlus timber with a thermostat"
 
 _log = logging.getLogger(__name__)
 
@@ -95,8 +98,8 @@ def _ecolar(period: ecolar.Period, folder: Path | None) -> Recording:
     return recording._replace(name=f"Ecolar {period}", what=what, measured=False)
 
 
-def _energyplus(name: str, room: str, heating: str, weather: str, folder: Path | None) -> Recording:
-    """Room `room` of a building of EnergyPlus."""
+def _energyplus(name: str, room: str, heating: str, weather: str, folder: Path | None, title: str = "") -> Recording:
+    """Room `room` of a building of EnergyPlus; set-points are told where a thermostat keeps them."""
     building = building_named(name)
     index = [known.name for known in building.rooms].index(room)
     life = record(building, weather, begin=FIRST_DAY, days=_DAYS, heating=heating, seed=_DATA_SEED)
@@ -105,7 +108,11 @@ def _energyplus(name: str, room: str, heating: str, weather: str, folder: Path |
     ended = np.concatenate([[np.nan], life.truth.gain[:-1, index]])
     where = f"its room '{room}', heating {heating}, weather {weather}"
     what = f"{building.what}, simulated by EnergyPlus: {where}; the network auto"
-    return simulated._replace(name=f"EnergyPlus {name}", what=what, known=Known(ended, float(loss.outdoors[index])))
+    series = simulated.series
+    if heating == "planned":
+        series = series._replace(setpoints=None)
+    known = Known(ended, float(loss.outdoors[index]))
+    return simulated._replace(name=title or f"EnergyPlus {name}", what=what, series=series, known=known)
 
 
 def energyplus_room(life: Life, index: int) -> Recording:
@@ -116,6 +123,7 @@ def energyplus_room(life: Life, index: int) -> Recording:
         "T_out": life.outdoor,
         "u_heat": life.heating[:, index],
         "I_sol": life.irradiance,
+        SET_POINTS: life.set_points[:, index],
     }
     beside = building.neighbours(index)
     columns |= {f"T_adj_{building.rooms[other].name}": life.air[:, other] for other in beside}
@@ -132,5 +140,6 @@ RECORDINGS: Mapping[str, Reader] = {
     "Ecolar autumn": partial(_ecolar, "autumn"),
     "EnergyPlus house": partial(_energyplus, "house", "ground", "on-off", "chicago"),
     "EnergyPlus timber": partial(_energyplus, "timber", "house", "planned", "denver"),
+    KEPT_WARM: partial(_energyplus, "timber", "house", "on-off", "denver", title=KEPT_WARM),
     "EnergyPlus office": partial(_energyplus, "office", "west", "proportional", "chicago"),
 }

@@ -13,7 +13,8 @@ from estimator.network import presets
 from estimator.network.presets import PRESETS, automatic
 from estimator.types import Mixture
 from replay.errors import ReplayError
-from replay.experiments.hours_ahead.contenders import contenders, seeded
+from replay.experiments.hours_ahead.answered import LIVE, SCHEDULED, AnsweredRun, run_answered
+from replay.experiments.hours_ahead.contenders import contenders, jobs_of, named, seeded
 from replay.experiments.hours_ahead.direct import BLIND, RIDGE, regressors, run_direct
 from replay.experiments.hours_ahead.experiment import COVERED, OVER_BEST
 from replay.experiments.hours_ahead.figures import figures, key
@@ -152,6 +153,51 @@ def test_boosting_forecasts_too() -> None:
     found = direct("boosting", record)
     still = np.abs(record.outputs[200:, 0] - record.outputs[194:-6, 0]).mean()
     assert np.nanmean(np.abs(found.mean[200:, 1] - record.outputs[200:, 0])) < 0.8 * still
+
+
+def kept_warm(days: int = 6) -> Series:
+    """The hourly record of a room whose thermostat keeps 21 degC by day and 17 at night, for hours that vary."""
+    rng, count = np.random.default_rng(3), 24 * days
+    hour, outdoor = np.arange(count) % 24, 4.0 + 3.0 * np.sin(np.arange(count) / 5.0)
+    setpoints = np.where((hour >= 7) & (hour < 20 + rng.integers(0, 3, count)), 21.0, 17.0)
+    y, heating = np.full(count, 18.0), np.zeros(count)
+    for k in range(count):
+        heating[k] = np.clip(1500.0 * (setpoints[k] - y[k]), 0.0, 3000.0)
+        if k + 1 < count:
+            y[k + 1] = y[k] + 0.1 * (outdoor[k] - y[k]) + 0.0012 * heating[k] + 0.02 * rng.standard_normal()
+    starts = np.arange(count) == 0
+    return Series(HOUR * np.arange(count), y[:, None], np.column_stack([outdoor, heating]), starts, setpoints)
+
+
+def answered(question: str, record: Series) -> Forecasts:
+    zone = FilterRun("mkf", {"particles": 16}, automatic(), HOUR, record, 1, leads=(1, 6))
+    arrays = run_answered(AnsweredRun(question, zone))
+    return Forecasts(*(arrays[field] for field in Forecasts._fields))
+
+
+def test_a_zone_that_is_asked_knows_no_more_of_what_comes_than_the_question_says() -> None:
+    record, row = kept_warm(), 120
+    later = np.arange(len(record.times)) > row
+    colder = record._replace(
+        outputs=np.where(later[:, None], 10.0, record.outputs),
+        inputs=np.where(later[:, None], [-9.0, 0.0], record.inputs),
+        setpoints=np.where(later, 12.0, record.setpoints),
+    )
+    live, scheduled = answered(LIVE, record), answered(SCHEDULED, record)
+    np.testing.assert_array_equal(live.mean[: row + 7, 1], answered(LIVE, colder).mean[: row + 7, 1])
+    assert answered(SCHEDULED, colder).mean[row + 6, 1] < scheduled.mean[row + 6, 1] - 0.5
+    # Of the last two days: whoever knows the set-points to come forecasts best, with an interval that holds.
+    made = slice(96, None)
+    assert np.nanmean(scheduled.crps[made, 1]) < 0.8 * np.nanmean(live.crps[made, 1])
+    inside = (scheduled.lower <= record.outputs) & (record.outputs <= scheduled.upper)
+    assert inside[made, 1][np.isfinite(scheduled.mean[made, 1])].mean() > 0.8
+
+
+def test_a_room_without_set_points_is_not_asked_under_a_schedule() -> None:
+    told = kept_warm(2)
+    for record, runs in ((told, 1), (told._replace(setpoints=None), 0)):
+        recording = Recording("room", "", True, automatic(), HOUR, record)
+        assert len(list(jobs_of(named(SCHEDULED), recording, (1,)))) == runs
 
 
 def naive_crps(mixture: Mixture, value: float) -> float:
