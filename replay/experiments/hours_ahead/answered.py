@@ -22,8 +22,8 @@ from service.zone.foresight.outlook import NO_WEATHER
 from service.zone.worker import WorkerSettings, ZoneWorker
 
 LIVE, SCHEDULED = "live", "scheduled"
-_WEATHER = " with weather"
-ANSWERED = (LIVE, LIVE + _WEATHER, SCHEDULED, SCHEDULED + _WEATHER)
+WEATHER = " with weather"
+ANSWERED = (LIVE, LIVE + WEATHER, SCHEDULED, SCHEDULED + WEATHER)
 """What is asked of a bank: with everything foreseen, or the set-points planned that came; and with the inputs that no
 heater drives foreseen as well, or planned as they came."""
 
@@ -48,7 +48,7 @@ def run_answered(run: AnsweredRun) -> Arrays:
     count, inputs = len(series.times), estimator.network.inputs
     setpoints = np.full(count, np.nan) if series.setpoints is None else series.setpoints
     planned = {SET_POINTS: setpoints} if question.startswith(SCHEDULED) else {}
-    if question.endswith(_WEATHER):
+    if question.endswith(WEATHER):
         weather = [place for place, name in enumerate(inputs) if estimator.network.channel_unit(name) != "W"]
         planned |= {inputs[place]: series.inputs[:, place] for place in weather}
     worker = ZoneWorker(estimator, WorkerSettings(zone.seed, (LEVEL,), _MAX_GAP, _MAX_GAP * zone.period), known)

@@ -1,6 +1,6 @@
 """`hours-ahead`: every contender on every recording, from the next step to the next day."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,9 +9,20 @@ import tomli_w
 from estimator import registry
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead import figures
+from replay.experiments.hours_ahead.answered import ANSWERED, LIVE, SCHEDULED, WEATHER
 from replay.experiments.hours_ahead.contenders import BANK, contenders, jobs_of
-from replay.experiments.hours_ahead.figures import COVERAGE, CRPS, GAIN, LARGEST, LEARNED, LOSS, SCORES, key
-from replay.experiments.hours_ahead.forecasts import EVERY, FIRST_DAYS, LATER, PERSISTENCE, WINDOWS, leads_of
+from replay.experiments.hours_ahead.direct import BLIND
+from replay.experiments.hours_ahead.figures import COVERAGE, CRPS, GAIN, LARGEST, LEARNED, LOSS, RMSE, SCORES, key
+from replay.experiments.hours_ahead.forecasts import (
+    AHEAD,
+    EVERY,
+    FIRST_DAYS,
+    LATER,
+    PERSISTENCE,
+    WINDOWS,
+    YESTERDAY,
+    leads_of,
+)
 from replay.experiments.hours_ahead.recordings import Recording, recordings
 from replay.experiments.hours_ahead.runs import SAMPLES
 from replay.experiments.request import Request
@@ -34,6 +45,11 @@ FARTHEST = 4.0
 """K from its mean to what came 6 h later, at most, in the first three days."""
 GAIN_OFF = 0.7
 """Share by which the gain that was learned of a building of EnergyPlus may be off."""
+NEAR = {"6 h": 0.4, "24 h": 0.45}
+"""RMSE [K] under the set-points and the weather that came."""
+ANSWERS_COVERED = (0.92, 0.97)
+OVER_RIVAL = {False: 0.75, True: 0.8}
+"""CRPS of `live` over that of the best that knows no more, of simulated (False) and measured rooms."""
 _NEAR_THE_TRUTH = between(0.8, 1.2)
 
 
@@ -114,7 +130,32 @@ def _report(
 
 
 def verdicts(results: Results, known: Mapping[str, Recording]) -> list[Verdict]:
-    """Every target of the bank; none where it did not run."""
+    """Every target of the bank, and of the zone that is asked; none where they did not run."""
+    return [*_of_bank(results, known), *_of_answers(results, known)]
+
+
+def _of_answers(results: Results, known: Mapping[str, Recording]) -> Iterator[Verdict]:
+    """Under the set-points and the weather that came a forecast is to be near; without a plan better than what is known
+    without a model."""
+    for name, recording in known.items():
+        for label in (one for one in results.contenders if one in ANSWERED):
+            for horizon in [one for one in AHEAD if one in leads_of(recording.period)]:
+                coverage = results.values(name, label, key(COVERAGE, horizon))
+                yield between(*ANSWERS_COVERED).judge(f"{name}, {horizon}: coverage of '{label}'", coverage)
+        for horizon, limit in NEAR.items():
+            if near := results.values(name, SCHEDULED + WEATHER, key(RMSE, horizon)):
+                yield at_most(limit).judge(f"{name}, {horizon}: RMSE of '{SCHEDULED + WEATHER}', K", near)
+        for horizon in ("24 h",) if recording.measured else ("6 h", "24 h"):
+            own = results.values(name, LIVE, key(CRPS, horizon))
+            rivals = (PERSISTENCE, YESTERDAY, BLIND) if recording.measured else (PERSISTENCE, YESTERDAY)
+            others = _means(results, name, key(CRPS, horizon), [one for one in rivals if one in results.contenders])
+            if own and others:
+                best, limit = min(others, key=others.__getitem__), OVER_RIVAL[recording.measured]
+                text = f"{name}, {horizon}: CRPS of '{LIVE}' over that of the best that knows no more, {best}"
+                yield at_most(limit).judge(text, [value / others[best] for value in own])
+
+
+def _of_bank(results: Results, known: Mapping[str, Recording]) -> list[Verdict]:
     if BANK not in results.contenders:
         return []
     found: list[Verdict] = []
@@ -122,7 +163,8 @@ def verdicts(results: Results, known: Mapping[str, Recording]) -> list[Verdict]:
     for name, recording in known.items():
         for horizon in leads_of(recording.period):
             own = results.values(name, BANK, key(CRPS, horizon))
-            others = _means(results, name, key(CRPS, horizon), [one for one in results.contenders if one != BANK])
+            rivals = [one for one in results.contenders if one not in (BANK, *ANSWERED)]
+            others = _means(results, name, key(CRPS, horizon), rivals)
             if own and others:
                 best = min(others, key=others.__getitem__)
                 ratios.setdefault(horizon, []).append(float(np.mean(own)) / others[best])

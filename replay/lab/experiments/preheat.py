@@ -40,7 +40,10 @@ LEARNED = 14
 """Days before the first question, or half of a shorter run."""
 DAYS = 42
 PROBABILITY, TOLERANCE = 0.9, 0.5
-MORNINGS, STARTS, IN_TIME, PROMISED, EARLY = "mornings", "with a start", "in time", "promised", "min too early, median"
+MORNINGS, STARTS, IN_TIME, BEEN, PROMISED, EARLY = (
+    *("mornings", "with a start", "in time", "warm once by then", "promised"),
+    "min too early, median",
+)
 
 
 class PreheatRun(NamedTuple):
@@ -166,7 +169,9 @@ def _figures(arrays: Arrays) -> Figures:
     known = arrays["early"][np.isfinite(arrays["early"])]
     shares = {STARTS: "told", IN_TIME: "warm", PROMISED: "promised"}
     figures = {name: float(arrays[key].mean()) for name, key in shares.items()}
-    return {MORNINGS: float(len(arrays["told"])), EARLY: float(np.median(known)) if len(known) else np.nan} | figures
+    early = float(np.median(known)) if len(known) else np.nan
+    counts = {MORNINGS: float(len(arrays["told"])), BEEN: len(known) / max(1, len(arrays["told"]))}
+    return counts | {EARLY: early} | figures
 
 
 def _report(results: Results) -> Report:
@@ -184,5 +189,5 @@ def _report(results: Results) -> Report:
         )
     ]
     done = document.section("What was done", tolerance=TOLERANCE, period=PERIOD // 60)
-    table = results.table("preheat", (MORNINGS, STARTS, IN_TIME, PROMISED, EARLY))
+    table = results.table("preheat", (MORNINGS, STARTS, IN_TIME, BEEN, PROMISED, EARLY))
     return Report(document.title, tuple(lead), (done, document.section("What came out", table)))
