@@ -14,7 +14,7 @@ from replay.experiments.series.filtering import FilterRun, built
 from replay.scores.intervals import LEVEL
 from service.errors import NoLaw
 from service.forecast.engine import FanQuestion
-from service.forecast.request import detail
+from service.forecast.request import FEWEST_DRAWS, Detail
 from service.records.fan import Fan
 from service.records.outlook import SET_POINTS
 from service.records.sample import Sample
@@ -27,8 +27,9 @@ ANSWERED = (LIVE, LIVE + WEATHER, SCHEDULED, SCHEDULED + WEATHER)
 """What is asked of a bank: with everything foreseen, or the set-points planned that came; and with the inputs that no
 heater drives foreseen as well, or planned as they came."""
 
-_LEVELS = tuple(np.arange(0.01, 1.0, 0.02).round(2).tolist())
-"""Of intervals whose bounds are the quantiles in the middle of each hundredth, .95 among them."""
+_LEVELS = tuple(np.arange(0.05, 1.0, 0.1).round(2).tolist())
+"""Of intervals whose bounds are the quantiles in the middle of each twentieth."""
+_DETAIL = Detail(FEWEST_DRAWS, exact=False)
 _MAX_GAP = 12
 
 
@@ -58,7 +59,7 @@ def run_answered(run: AnsweredRun) -> Arrays:
         worker.step(sample._replace(setpoint=float(setpoints[row])))
         if row in due:
             plan = {name: values[row + 1 : row + steps] for name, values in planned.items()}
-            asked = FanQuestion(steps - 1, plan, _LEVELS, 0, detail([steps]))
+            asked = FanQuestion(steps - 1, plan, _LEVELS, 0, _DETAIL)
             with suppress(NoLaw):
                 _keep(kept, asked(worker, NO_WEATHER, lambda: False), series.outputs[:, 0], row, zone.leads)
     return kept._asdict() | {"seconds": np.array(time.perf_counter() - began)}
