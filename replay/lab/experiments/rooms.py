@@ -23,6 +23,7 @@ from replay.experiments.series.recorded_zone import ZoneRecord, bridged, held
 from replay.localtime import HOUR
 from service.config.known_heat import usually_heated
 from service.config.site import Whereabouts
+from service.records.outlook import SET_POINTS
 
 _HELD = 2 * HOUR
 """How long a missing input keeps its last value [s]."""
@@ -117,6 +118,7 @@ def _columns(path: Path, room: Room) -> tuple[np.ndarray, dict[str, Array]]:
         table = {
             channel: factor * np.array([float(row[column] or "nan") for row in rows]) if column else np.zeros(len(rows))
             for channel, (column, factor) in room.channels.items()
+            if channel != SET_POINTS or any(column in row for row in rows)
         }
     if not rows:
         raise ReplayError(f"{path}: it has no rows of the room; look at docs/benchmark.md")
