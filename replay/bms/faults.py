@@ -33,6 +33,8 @@ MENU: dict[str, Kind] = {
     "freeze": Kind("channel", None, 0, 0, "", "the value stays as it was when the fault began"),
     "nan": Kind("channel", None, 0, 0, "", "no value: NaN in floats, the sentinel in integers, bad quality on Zenoh"),
     "drift": Kind("channel", 0.1, -_ANY, _ANY, "units per minute", "the value moves away from the truth steadily"),
+    "offset": Kind("channel", 2.0, -_ANY, _ANY, "units", "the value is too high by so much"),
+    "factor": Kind("channel", 0.001, -_ANY, _ANY, "times", "another unit; -1 turns the sign, 0 is a dead meter"),
     "swapped-words": Kind("registers", None, 0, 0, "", "the words of values longer than one register change places"),
     "exception": Kind("requests", 4.0, 1, 11, "exception code", "requests are answered with a Modbus exception"),
     "slow": Kind("requests", 2.0, 0, 3600, "s", "answers come late"),
@@ -163,6 +165,8 @@ class FaultBoard:
         now = self._clock()
         for fault in self._acting("drift", device, channel):
             value += fault.value * (now - fault.begins) / 60.0
+        value += sum(fault.value for fault in self._acting("offset", device, channel))
+        value *= math.prod(fault.value for fault in self._acting("factor", device, channel))
         frozen = self.active("freeze", device, channel)
         if frozen is not None:
             value = self._frozen.setdefault((frozen.id, device, channel), value)

@@ -170,10 +170,13 @@ async def test_swapped_words_change_places_in_long_values_only(client, plant, cl
 
 
 @on_modbus("drift:room2/T_air,value=-1.5")
-async def test_drift_grows_with_real_time(client, plant, clock):
+async def test_drift_grows_with_real_time_and_other_errors_join_it(client, plant, clock):
     before = await room2(client)
     clock.now += 120
     assert await room2(client) == pytest.approx(before - 3.0, abs=1e-4)
+    plant.faults.add(parse_spec("offset:room2/T_air"))
+    plant.faults.add(parse_spec("factor:room2/T_air,value=-1"))
+    assert await room2(client) == pytest.approx(1.0 - before, abs=1e-4)
 
 
 @on_modbus("window:room2,value=300")
