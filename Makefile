@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 # Much of the tests is waiting, so two processes more than there are processors.
 JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
-FUZZ_TIMES ?= 100
+FUZZ_TIMES ?= 155
 
 # Tests start hundreds of processes: without compiled modules each would compile the project, as images often have it.
 export PYTHONDONTWRITEBYTECODE :=
@@ -120,7 +120,7 @@ soak: $(VENV)/.ready  ## 96 simulated hours of the real daemon with restless cli
 attack: $(VENV)/.ready  ## every known attack on a live daemon, and a table of what each cost; seven minutes
 	$(BIN)/python tests/attack/run.py
 
-fuzz: $(VENV)/.ready  ## a million inputs for everything that reads what others write; FUZZ_TIMES=10 takes a tenth of the time
+fuzz: $(VENV)/.ready  ## a million inputs for everything that reads what others write; FUZZ_TIMES=15 takes a tenth of the time
 	FUZZ_TIMES=$(FUZZ_TIMES) $(BIN)/python -m pytest -n $(JOBS) tests/fuzz
 
 SCREENSHOTS ?=
