@@ -77,10 +77,10 @@ class Backtest:
         return table[np.isfinite(columns["mean"])]
 
     def __repr__(self) -> str:
-        return f"Backtest after the first three days\n{self.scores}"
+        return f"Backtest after `first_days`\n{self.scores}"
 
     def _repr_html_(self) -> str:
-        return f"<p>Backtest after the first three days</p>{self.scores.to_html(float_format='{:.3g}'.format)}"
+        return f"<p>Backtest after <code>first_days</code></p>{self.scores.to_html(float_format='{:.3g}'.format)}"
 
     def _scores(self, window: str) -> Frame:
         rows: dict[tuple[str, str], dict[str, float]] = {}

@@ -183,7 +183,7 @@ class AheadPayload:
     outputs: tuple[AheadOutputPayload, ...]
     heating: NextHeatingPayload | None = shown(
         "null where no rise of the set-point is likely within a day, none is known before the present one ends, no law "
-        "of the thermostat is known, the forecast is not trusted so far ahead, or no start may well suffice"
+        "of the thermostat is known, the forecast is not trusted so far ahead, or no start is likely to suffice"
     )
 
     @classmethod
