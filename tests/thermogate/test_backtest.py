@@ -60,6 +60,7 @@ def test_a_backtest_has_the_rules_of_thumb_beside_it_and_shows_itself():
     found = tg.backtest(TABLE.iloc[: 4 * 48], "tite", columns=COLUMNS, estimator="arx")
     names = ["persistence", "yesterday", "arx"]
     assert list(found.scores.index.get_level_values("estimator").unique()) == names
+    assert repr(found).startswith("Backtest after `first_days`")
     assert "skill_persistence" in repr(found)
     html = found._repr_html_()
     assert html.count("<table") == 1
