@@ -52,17 +52,21 @@ def in_force(kind: type[Options], network: Network, values: Mapping[str, object]
     return kind(**{name: checks[name](name, value, network) for name, value in values.items()})
 
 
+Resolve = Callable[[Network, float, Mapping[str, object]], Options]
+
+
 def resolver(
-    kind: type[Options], estimator: str, **usual: object
-) -> Callable[[Network, float, Mapping[str, object]], Options]:
-    """What gives the options `kind` of an estimator that are in force: `usual`, then what is given.
+    kind: type[Options], estimator: str, usual: Callable[..., Mapping[str, object]] = lambda *_: {}
+) -> Resolve[Options]:
+    """What gives the options `kind` of an estimator that are in force for a network at a period in s: those that are
+    `usual` there, then what is given.
 
     It raises OptionsError with one sentence naming the option that is wrong.
     """
 
     def resolve(network: Network, period: float, given: Mapping[str, object]) -> Options:
         check_known(given, names(kind), estimator)
-        return in_force(kind, network, usual | dict(given))
+        return in_force(kind, network, {**usual(network, period, given), **given})
 
     return resolve
 

@@ -34,6 +34,6 @@ class DirectOptions:
 
 
 resolve = resolver(ARXOptions, "arx")
-resolve_daily = resolver(ARXOptions, "daily", past_outputs=1, past_inputs=1)
+resolve_daily = resolver(ARXOptions, "daily", lambda *_: {"past_outputs": 1, "past_inputs": 1})
 """Of changes since the day before, which hold little that more of the past could tell."""
 resolve_direct = resolver(DirectOptions, "direct")

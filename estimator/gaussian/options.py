@@ -8,10 +8,9 @@ since real buildings are disturbed and these filters have no other way to allow 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import sqrt
-from typing import TypeVar
 
 from estimator.network.network import Network
-from estimator.option_checks import check_known, checked_preset, choice, in_force, names, number
+from estimator.option_checks import checked_preset, choice, number, resolver
 
 _REFERENCE_PERIOD = 600.0
 
@@ -39,8 +38,6 @@ class UKFOptions(AugmentedOptions):
     """Distance of the sigma points from the mean, sqrt(n + kappa) [standard deviations]."""
 
 
-_Options = TypeVar("_Options", bound=AugmentedOptions)
-
 _PAPER_ECOLAR = ("ecolar-6r4c", *(f"m{i}" for i in range(1, 9)))
 
 
@@ -56,18 +53,9 @@ def _default(network: Network, period: float) -> dict[str, object]:
 PRESETS = {"default": _default, "paper": _paper}
 
 
-def resolve_ekf(network: Network, period: float, given: Mapping[str, object]) -> AugmentedOptions:
-    """The EKF's options in force: the preset for `network` at `period` s, then `given`; OptionsError if wrong."""
-    return _resolve(AugmentedOptions, "ekf", network, period, given)
+def _preset(network: Network, period: float, given: Mapping[str, object]) -> dict[str, object]:
+    return PRESETS[checked_preset(given, PRESETS)](network, period)
 
 
-def resolve_ukf(network: Network, period: float, given: Mapping[str, object]) -> UKFOptions:
-    """The UKF's options in force; OptionsError if wrong."""
-    return _resolve(UKFOptions, "ukf", network, period, given)
-
-
-def _resolve(
-    kind: type[_Options], estimator: str, network: Network, period: float, given: Mapping[str, object]
-) -> _Options:
-    check_known(given, names(kind), estimator)
-    return in_force(kind, network, PRESETS[checked_preset(given, PRESETS)](network, period) | dict(given))
+resolve_ekf = resolver(AugmentedOptions, "ekf", _preset)
+resolve_ukf = resolver(UKFOptions, "ukf", _preset)

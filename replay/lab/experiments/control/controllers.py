@@ -165,7 +165,8 @@ class Planner(Controller):
 
     def _known(self, index: int, room: int, steps: int) -> dict[str, dict[str, list[float]]]:
         """The weather of all rooms, and what the others have planned."""
-        outdoor, sun = (_steps(series, index, steps) for series in self._weather)
+        ahead = slice(index, index + steps * EVERY)
+        outdoor, sun = (by_plan_step(series[ahead]).tolist() for series in self._weather)
         known = {name: {"T_out": outdoor, "I_sol": sun} for name in (self._rooms[room], *self._beside[room])}
         for other in self._beside[room]:
             decision = self._decisions[self._rooms.index(other)]
@@ -197,7 +198,6 @@ def lowest(life: Any, local: float, room: int, steps: int, margin: float) -> lis
     return [max(pair) for pair in pairwise(ends)]
 
 
-def _steps(series: Array, index: int, steps: int) -> list[float]:
-    """Means over the steps of a plan."""
-    part = series[index : index + steps * EVERY]
-    return [float(value) for value in part.reshape(-1, EVERY).mean(axis=1)]
+def by_plan_step(series: Array) -> Array:
+    """(K / EVERY, ...): means of `series` (K, ...) over the steps of a plan."""
+    return np.asarray(series.reshape(-1, EVERY, *series.shape[1:]).mean(axis=1))

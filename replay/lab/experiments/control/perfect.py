@@ -11,7 +11,7 @@ from scipy.linalg import toeplitz
 
 from estimator.arrays import Array
 from replay.lab.experiments.control.cases import WARMEST, Scene, price
-from replay.lab.experiments.control.controllers import DECISION, EVERY, HORIZON, Thermostat, lowest
+from replay.lab.experiments.control.controllers import DECISION, EVERY, HORIZON, Thermostat, by_plan_step, lowest
 from replay.lab.experiments.control.customer import mpc
 from replay.lab.experiments.control.loop import Controller, Lived, Moment, close
 from replay.localtime import HOUR
@@ -69,7 +69,7 @@ class Foreseeing(Controller):
         self._thermostat = Thermostat(scene, margin)
         rooms = len(scene.of.rooms)
         self._rated = [room.heater for room in scene.of.rooms]
-        self._planned_before = _by_plan_step(before.heating)
+        self._planned_before = by_plan_step(before.heating)
         self._extra = np.zeros((len(self._planned_before), rooms))
         """What was heated otherwise than before, by the steps of a plan [W]."""
         self._heating = np.zeros(rooms)
@@ -134,8 +134,3 @@ def foreseen(scene: Scene, margin: float) -> Lived:
     for _ in range(PASSES):
         lived = close(scene, Foreseeing(scene, lived, response, margin))
     return lived
-
-
-def _by_plan_step(heating: Array) -> Array:
-    """(K / EVERY, N): means over the steps of a plan."""
-    return np.asarray(heating.reshape(-1, EVERY, heating.shape[1]).mean(axis=1))
