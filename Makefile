@@ -120,7 +120,7 @@ soak: $(VENV)/.ready  ## 96 simulated hours of the real daemon with restless cli
 attack: $(VENV)/.ready  ## every known attack on a live daemon, and a table of what each cost; seven minutes
 	$(BIN)/python tests/attack/run.py
 
-fuzz: $(VENV)/.ready  ## a million inputs for everything that reads what others write; FUZZ_TIMES=15 takes a tenth of the time
+fuzz: $(VENV)/.kernels $(VENV)/.kernels-of-tests  ## a million inputs for everything that reads what others write; FUZZ_TIMES=15 takes a tenth of the time
 	FUZZ_TIMES=$(FUZZ_TIMES) $(BIN)/python -m pytest -n $(JOBS) tests/fuzz
 
 SCREENSHOTS ?=
