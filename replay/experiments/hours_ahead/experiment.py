@@ -70,6 +70,11 @@ def prepare(request: Request) -> Study:
         raise ReplayError(f"{option}, and --config has its own; give one of the two")
     seeds, entered = request.seeds_or(SEEDS), contenders(request)
     found = {recording.name: recording for recording in recordings(request)}
+    for one in entered:
+        if one.estimator.startswith(SCHEDULED) and all(known.series.setpoints is None for known in found.values()):
+            raise ReplayError(
+                f"--contender {one.label}: no recording has a set-point; give the zone a [zones.setpoint]"
+            )
     jobs = [job for recording in found.values() for one in entered for job in jobs_of(one, recording, seeds)]
     return Study(
         jobs,

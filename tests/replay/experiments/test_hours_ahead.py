@@ -16,7 +16,7 @@ from replay.errors import ReplayError
 from replay.experiments.hours_ahead.answered import LIVE, SCHEDULED, AnsweredRun, run_answered
 from replay.experiments.hours_ahead.contenders import contenders, jobs_of, named, seeded
 from replay.experiments.hours_ahead.direct import BLIND, RIDGE, regressors, run_direct
-from replay.experiments.hours_ahead.experiment import COVERED, OVER_BEST
+from replay.experiments.hours_ahead.experiment import COVERED, OVER_BEST, prepare
 from replay.experiments.hours_ahead.figures import figures, key
 from replay.experiments.hours_ahead.forecasts import (
     FIRST_DAYS,
@@ -197,6 +197,9 @@ def test_a_room_without_set_points_is_not_asked_under_a_schedule() -> None:
     for record, runs in ((told, 1), (told._replace(setpoints=None), 0)):
         recording = Recording("room", "", True, automatic(), HOUR, record)
         assert len(list(jobs_of(named(SCHEDULED), recording, (1,)))) == runs
+    config = ROOT / "deploy/examples/generic-csv.toml"
+    with pytest.raises(ReplayError, match=r"--contender scheduled: no recording has a set-point; give the zone a"):
+        prepare(Request(config=config, contender=(SCHEDULED,)))
 
 
 def naive_crps(mixture: Mixture, value: float) -> float:
