@@ -10,6 +10,10 @@ band, or the hysteresis [K]. All are fitted by least squares, the kind is the on
 uncertain follows from leaving out one day after the other (the jackknife of days, held to its median: errors of one day
 are alike).
 
+A law that knows the heat before has the smaller squares for a valve that is moved by and by as well, at the power that
+the valve gives mostly. So a heater is on-off only where it gives all or nothing: where the median of the heat, while
+there is any, is next to the most that it gives.
+
 A relay that switches within an interval looks proportional, and the heat of an interval hardly follows the temperature
 at its beginning: least squares then take the band for several times as wide, and a simulated room never gets as warm
 as it is. So offset and band of a proportional law are seen the other way round, in hourly means, in which a swing
@@ -64,6 +68,9 @@ LITTLE, MUCH = 0.1, 0.5
 
 _NOTHING, _SELDOM, _FEW = 0.02, 0.05, 20
 """Share of the power of a heater that is off; share of the times that may be shorter than the shortest; and fewest."""
+
+_ALL = 0.9
+"""Share of the heat that is given at most (but for a tenth of the slots) from which on all of it is given."""
 
 _SDS = (0.01, 0.02, 0.02)
 """Smallest standard deviations: of the power, relative to it, and of offset and band [K]."""
@@ -221,7 +228,9 @@ def _fitted(
     names, day = np.unique(days, return_inverse=True)
     weights = _without_each(day, len(names))
     known = np.isfinite(before)
-    candidates = [_proportional(x, heat, weights), _on_off(x, heat, np.where(known, before, 0.0), weights * known)]
+    candidates = [_proportional(x, heat, weights)]
+    if _all_or_nothing(heat):
+        candidates.append(_on_off(x, heat, np.where(known, before, 0.0), weights * known))
     given = [_given(switching, numbers[0], x, before) for switching, numbers in enumerate(candidates)]
     squares = [float(np.sum((heat - each) ** 2)) for each in given]
     switching = int(np.argmin(squares))
@@ -313,6 +322,12 @@ def _power(share: Array, numbers: Array, sums: Array, most: float) -> tuple[Arra
     squared, crossed = share**2 @ numbers, share @ sums
     power = np.minimum(crossed / np.maximum(squared, 1e-9), most)
     return power, power**2 * squared - 2.0 * power * crossed
+
+
+def _all_or_nothing(heat: Array) -> bool:
+    """Whether most of the slots with heat (n,) have all of it."""
+    some = heat[heat > LITTLE * heat.max()]
+    return bool(np.median(some) >= _ALL * np.quantile(some, 0.9))
 
 
 def _on_off(x: Array, heat: Array, before: Array, weights: Array) -> Array:

@@ -114,6 +114,27 @@ def test_the_law_of_a_heater_is_recovered_with_its_interval(truth):
     assert found.explained[0] > 0.8
 
 
+def test_a_valve_that_is_moved_by_and_by_is_no_relay():
+    """Under a controller with an integral part the heat follows that of the interval before, as that of a relay."""
+    when = times(14)
+    rows, wanted = weather(when), schedule(when, night=18.0)
+    air, wall, integral = 19.0, 17.0, 0.3
+    memory, before = no_memory(2), np.full(2, np.nan)
+    for i, moment in enumerate(when):
+        error = wanted[i] - air
+        rows[i, 1] = 6000.0 * np.clip(0.15 * error + integral, 0.0, 1.0)
+        integral = np.clip(integral + 0.05 * error, 0.0, 0.5)
+        memory = remembered(memory, int(moment), PERIOD, wanted[i], air, rows[i], before)
+        before, to_wall = rows[i], 600.0 * (air - wall)
+        air += PERIOD / 4e6 * (rows[i, 1] - to_wall)
+        wall += PERIOD / 4e7 * (to_wall - 120.0 * (wall - rows[i, 0]))
+    found = identified(HOUSE, in_order(memory, when[-1]))
+    assert found.switching[0] == 0.0
+    # Least squares for a relay have half of it, and a hysteresis of 2 K.
+    assert found.numbers[0, 0] > 0.8 * rows[:, 1].max()
+    assert found.numbers[0, 2] < 1.0
+
+
 @pytest.mark.parametrize("length", [300, 600])
 def test_the_minimum_times_of_a_relay_are_bounded_by_the_shortest_that_were_seen(length):
     """It stays on for 20 to 40 min and off for 30 to 60, in samples of their means."""
