@@ -1,7 +1,6 @@
 """The page of a report: what a facility manager and an engineer want to know of each zone after a period."""
 
 from collections.abc import Iterator, Sequence
-from itertools import takewhile
 
 import numpy as np
 from tqdm import tqdm
@@ -16,7 +15,7 @@ from replay.reports.kit.table import Table
 from replay.reports.residuals import diagnostics
 from service.forecast.answers import Room
 from service.recordings.progress import SLOW
-from service.records.trust import TRUSTED, Trust
+from service.records.trust import DOUBTFUL, TRUSTED, UNTRUSTED, Trust
 
 
 def report(site: str, traces: Sequence[Trace], progress: bool = False) -> Report:
@@ -58,16 +57,16 @@ def _answers(room: Room) -> tuple[str, ...]:
 
 
 def _trusted(trust: Trust) -> str:
-    """How far the forecasts can be relied on, and why no further."""
-    good = takewhile(
-        lambda one: one.level == TRUSTED and not (trust.beaten and one.lead > trust.good_up_to), trust.horizons
+    """How far ahead the forecasts can be relied on, where they cannot, and why."""
+    good, doubted = (
+        ", ".join(format_duration(one.lead) for one in trust.horizons if one.level in levels)
+        for levels in ((TRUSTED,), (DOUBTFUL, UNTRUSTED))
     )
-    leads = [format_duration(one.lead) for one in good]
-    head = f"Nothing speaks against the forecasts up to {leads[-1]} ahead" if leads else "Take the forecasts with care"
-    reasons = dict.fromkeys(one.reason for one in trust.horizons if one.reason)
-    return "; ".join(
-        [head, *(reason for reason in reasons if reason not in trust.beaten), *filter(None, [trust.beaten])]
-    )
+    told = f"nothing speaks against the forecasts {good} ahead" if good and not trust.beaten else ""
+    care = f"take the forecasts with care {doubted} ahead" if doubted else "" if told else "take the forecasts with care"
+    reasons = dict.fromkeys(one.reason for one in trust.horizons if one.reason and one.reason not in trust.beaten)
+    sentence = "; ".join(filter(None, (care, told, *reasons, trust.beaten)))
+    return sentence[0].upper() + sentence[1:]
 
 
 def _zone(document: Document, trace: Trace, named: bool) -> Iterator[Section]:

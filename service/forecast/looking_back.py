@@ -58,7 +58,7 @@ def warming_up(step: float, temperature: Array, setpoint: Array, cold: float) ->
     parts = ["After a setback it was warm again at once"]
     if most > 0.0:
         parts = [f"After a setback it took {usual:.1f} h to be warm again, at most {most:.1f} h"]
-        parts.append("start heating so much earlier")
+        parts.append("start heating so long before it is to be warm")
     if missed:
         parts.append(f"{missed} of {missed + len(took)} times it was not warm before the next setback")
     yield RoomAnswer("warming_up", "; ".join(parts), "h", usual)
@@ -71,15 +71,16 @@ def often_lost(gain: Array) -> bool:
 
 
 def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Iterator[RoomAnswer]:
-    """The heat that was lost while heat was lost for certain that nobody measures, as through an open window.
+    """The heat that was lost, and that nobody measures, as through an open window.
 
     `gain` (K, 3) [W] has the .025, .5 and .975 quantiles of unmeasured heat in the intervals of `step` s that begin at
-    `times` (K,) [UTC s]; `zone` is the IANA name of the local time. Errors of one loss are taken to err together.
+    `times` (K,) [UTC s]; `zone` is the IANA name of the local time. Errors of one loss are taken to err together. A
+    loss that was certain at some time counts from when to when it was likely: a filter is sure only after a while.
     """
     if not np.isfinite(gain).any():
         return
     with np.errstate(invalid="ignore"):
-        lost = gain[:, 2] < 0.0
+        lost, likely_lost = gain[:, 2] < 0.0, (gain[:, 1] < 0.0) & (gain[:, 2] <= 0.0)
     if often_lost(gain):
         sentence = (
             "What an open window took away is not known, for heat that nobody measures comes and goes "
@@ -87,6 +88,9 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Itera
         )
         yield RoomAnswer("window", sentence, "kWh")
         return
+    follows = np.concatenate([[False], likely_lost[1:] & likely_lost[:-1] & (np.diff(times) < 1.5 * step)])
+    number = np.cumsum(likely_lost & ~follows)
+    lost = likely_lost & np.isin(number, number[lost])
     # .975, .5 and .025 quantile of the gain: the least, the likely and the most that was lost.
     energy = np.where(lost[:, None], -gain[:, ::-1], 0.0) * step / _KWH
     low, likely, high = energy.sum(axis=0).tolist()
@@ -95,11 +99,9 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Itera
         sentence = f"No open window was noticed in {days:.1f} days"
         yield RoomAnswer("window", sentence, "kWh", likely, low, high)
         return
-    follows = np.concatenate([[False], lost[1:] & lost[:-1] & (np.diff(times) < 1.5 * step)])
-    number = np.cumsum(lost & ~follows)
     each = np.bincount(number, energy[:, 1])
     most = int(np.argmax(each))
-    part = "all" if number[-1] == 1 else f"{_energy(float(each[most]))} kWh"
+    part = "all" if (number[lost] == most).all() else f"{_energy(float(each[most]))} kWh"
     inside = times[lost & (number == most)]
     local = UTC if zone is None else time_zone(zone)
     begin, end = (datetime.fromtimestamp(when, local) for when in (inside[0], inside[-1] + step))

@@ -172,7 +172,7 @@ class Comfort(NamedTuple):
             f"too cold is more than {COLD:g} K below the set-point, too warm more than {WARM:g} K above the highest of "
             "a day"
             if self.against_setpoint
-            else f"no set-point is known, so comfortable is {BAND[0]:g} to {BAND[1]:g} degC"
+            else f"no set-point is known, so comfortable is {BAND[0]:g} to {BAND[1]:g} °C"
         )
         sentence = f"{verdict}: {cold:.0f} h too cold and {warm:.0f} h too warm of {all_hours:.0f} h; {measure}"
         return RoomAnswer("comfort", sentence, "h", cold + warm)
@@ -356,7 +356,8 @@ def _heat_answer(elsewhere: _Elsewhere, sun: Array, people: Array, metered: bool
     if not parts:
         return RoomAnswer("other_heat", "No heat besides the heating is known", "W", mean)
     if high > low:
-        parts.append(f"95 % between {low:.0f} and {high:.0f} W on average")
+        together = "both together, " if len(parts) > 1 else ""
+        parts.append(f"{together}95 % between {low:.0f} and {high:.0f} W on average")
     sentence = "; ".join(parts)
     return RoomAnswer("other_heat", sentence[0].upper() + sentence[1:], "W", mean, low, high)
 

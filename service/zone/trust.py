@@ -96,14 +96,16 @@ def _reviewed(before: Trust, now: int, skill: Skill, diagnosis: Diagnosis) -> Tr
     return replace(
         before,
         horizons=tuple(horizons),
-        beaten=_compared(better, good),
+        beaten=_compared(
+            better, [one.lead for one in horizons if one.lead in good and one.verified == one.issued == TRUSTED]
+        ),
         good_up_to=max((lead for lead in good if lead < min(better, default=lead + 1)), default=0),
         usual=usual if usual > 0.0 else 0.0,
     )
 
 
 def _compared(better: Mapping[int, Better], good: Sequence[int]) -> str:
-    """Where simpler forecasts are better, and at which horizons [s] the zone's are good."""
+    """Where simpler forecasts are better, and at which horizons [s] the zone's may be relied on."""
     if not better:
         return ""
     reliable = ", ".join(format_duration(lead) for lead in good)

@@ -144,6 +144,7 @@ def test_trust_is_told_with_its_reason(serve: Any, visit: Any) -> None:
     assert page.locator('[data-zone="living"] .cell-trust').inner_text() == "doubtful"
     assert page.locator('[data-zone="living"] .cell-finding').inner_text() == narrow
     page.locator('[data-zone="living"] a').click()
+    page.wait_for_selector("text=Take the forecast with care 6 h ahead; 1 h ahead, nothing speaks against it.")
     page.wait_for_selector("text=6 h ahead, the forecast is doubtful:")
     assert page.locator(".doubt li [lang=en]").inner_text() == narrow
     zone.trusted = Trust(START, horizons[:1], beaten="6h ahead, a regression on the last hours is the better forecast")

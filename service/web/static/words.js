@@ -83,12 +83,15 @@ export function doubts({ status, forecast, trust }) {
   return found;
 }
 
-// Up to how many s ahead nothing speaks against the forecast now.
-export function goodUpTo({ status, forecast, trust }) {
-  if (status.reason || forecast?.regime === "high") return 0;
-  const horizons = trust?.horizons ?? [];
-  const end = horizons.findIndex((one) => one.trust !== "trusted" || (trust.beaten && one.lead_s > trust.good_up_to_s));
-  return horizons[(end < 0 ? horizons.length : end) - 1]?.lead_s ?? 0;
+// What heads the doubts `found`: how far ahead the forecast is good, or where it is not.
+export function trustHead({ status, forecast, trust }, found) {
+  const leads = (...levels) => (trust?.horizons ?? []).filter(({ trust: level }) => levels.includes(level)).map(({ lead_s: lead }) => duration(lead));
+  const good = leads("trusted");
+  if (!found.length) return t("doubt.nothing", { lead: good.at(-1) });
+  const doubted = leads("doubtful", "untrusted").join(", ");
+  if (status.reason || forecast?.regime === "high" || (!doubted && !trust?.beaten)) return t("doubt.title");
+  if (!doubted) return t("doubt.beaten");
+  return good.length && !trust.beaten ? t("doubt.good", { doubted, good: good.join(", ") }) : t("doubt.some", { doubted });
 }
 
 // Where the values of an input in a forecast come from.

@@ -11,7 +11,7 @@ import { said } from "./said.js";
 import { follow } from "./stream.js";
 import { amount, capital, celsius, duration, number, share, t, unitText } from "./text.js";
 import { timeNode, useTimeZone } from "./time.js";
-import { channelText, doubts, faultText, goodUpTo, saidNode, stateText, trustText } from "./words.js";
+import { channelText, doubts, faultText, saidNode, stateText, trustHead, trustText } from "./words.js";
 
 const EXPERT = "thermogate-expert";
 const LEARNED_MS = 60_000;
@@ -133,10 +133,7 @@ export function showZone(place, frame, id) {
   function showDoubt() {
     const found = doubts(known);
     const running = known.status.state === "running";
-    const lead = goodUpTo(known);
-    const beaten = found.length === 1 && found[0].own && found[0].own === known.trust?.beaten;
-    const careful = beaten ? t("doubt.beaten") : lead ? t("doubt.good", { lead: duration(lead) }) : t("doubt.title");
-    const head = running ? (found.length ? careful : t("doubt.nothing", { lead: duration(lead) })) : null;
+    const head = running ? trustHead(known, found) : null;
     const items = found.map(({ text, own }) => element("li", {}, text, ...(own ? [" ", saidNode(text.endsWith(".") ? capital(own) : own)] : [])));
     const next = [...(head ? [element("strong", { textContent: head })] : []), ...(items.length ? [element("ul", {}, ...items)] : [])];
     const text = next.map(({ textContent }) => textContent).join("");

@@ -96,21 +96,22 @@ class Page(HTMLParser):
 
 
 @pytest.mark.parametrize(
-    ("levels", "beaten", "good", "told"),
+    ("levels", "beaten", "told"),
     [
-        (("trusted", "trusted"), "", 0, "Nothing speaks against the forecasts up to 6h ahead."),
-        (("trusted", "doubtful"), "", 0, "Nothing speaks against the forecasts up to 1h ahead; too narrow."),
-        (("trusted", "trusted"), "6h ahead, no change", 3600, "up to 1h ahead; 6h ahead, no change."),
-        (("doubtful", "trusted"), "", 0, "Take the forecasts with care; too narrow."),
+        (("trusted", "trusted"), "", "Nothing speaks against the forecasts 1h, 6h ahead."),
+        (("doubtful", "trusted"), "", "care 1h ahead; nothing speaks against the forecasts 6h ahead; too narrow."),
+        (("trusted", "trusted"), "6h ahead, no change", "Take the forecasts with care; 6h ahead, no change."),
+        (("doubtful", "trusted"), "6h ahead, no change", "care 1h ahead; too narrow; 6h ahead, no change."),
+        (("learning", "learning"), "", "Take the forecasts with care."),
     ],
 )
-def test_a_report_tells_how_far_its_forecasts_can_be_relied_on(replayed, levels, beaten, good, told):
+def test_a_report_tells_how_far_its_forecasts_can_be_relied_on(replayed, levels, beaten, told):
     horizons = [
         HorizonTrust(lead, level, "too narrow" if level == "doubtful" else "", 0)
         for lead, level in zip((3600, 21600), levels, strict=True)
     ]
     (trace,) = replayed[1]
-    trust = Trust(0, tuple(horizons), beaten=beaten, good_up_to=good)
+    trust = Trust(0, tuple(horizons), beaten=beaten)
     made = report("site", [trace._replace(trust=trust, notes=("Learned anew.",))])
     (forecasts,) = (section for section in made.sections if section.title == "Forecasts")
     assert forecasts.paragraphs[0].endswith(told)

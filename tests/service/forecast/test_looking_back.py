@@ -28,6 +28,10 @@ def test_heat_lost_through_windows_is_the_sum_of_what_was_lost_for_certain():
     assert (answer.lower, answer.upper) == (pytest.approx(1.1 + 0.4), pytest.approx(1.3 + 0.5))
     assert "; 1.2 kWh of it from 2026-01-05 13:00 to 14:00" in answer.sentence
     assert "kein" not in sayer("de")(answer.sentence)
+    gain[[70, 71, 78]] = -1300.0, -1200.0, 0.0
+    (answer,) = lost_heat(TIMES, STEP, gain, "Europe/Berlin")
+    assert "; 1.8 kWh of it from 2026-01-05 12:40 to 14:10" in answer.sentence, "sure only after a while"
+    assert (answer.lower, answer.upper) == (pytest.approx(1.1 + 0.4), pytest.approx(1.3 + 0.5 + 0.65))
 
 
 def test_a_gap_parts_two_losses():
@@ -68,7 +72,7 @@ def mornings(*delays, days=5):
 def test_warming_up_takes_as_long_as_the_room_was_too_cold_after_a_setback():
     (answer,) = warming_up(STEP, *mornings(6, 9, 9, 12, 18), 0.5)
     assert answer.sentence == (
-        "After a setback it took 1.5 h to be warm again, at most 3.0 h; start heating so much earlier"
+        "After a setback it took 1.5 h to be warm again, at most 3.0 h; start heating so long before it is to be warm"
     )
     assert (answer.value, answer.unit) == (1.5, "h")
     assert sayer("de")(answer.sentence).startswith("Nach einer Absenkung dauerte es 1.5 h, bis er wieder warm war, h")

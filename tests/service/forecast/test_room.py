@@ -188,6 +188,13 @@ def test_heat_from_elsewhere_is_told_by_the_local_hour(worker, zone, hour):
     assert f"10 W on average, 240 W around {hour}:30" in answers(room)["other_heat"].sentence
 
 
+def test_an_interval_of_two_heats_is_no_interval_of_one_of_them():
+    each, hours = np.tile([50.0, 100.0, 150.0], (24, 1)), np.full(24, 100.0)
+    sentence = room._heat_answer(room._Elsewhere(each, each), hours, hours, metered=True).sentence
+    assert sentence.endswith("; both together, 95 % between 100 and 300 W on average")
+    assert sayer("de")(sentence).endswith("; beide zusammen, 95 % zwischen 100 und 300 W im Mittel")
+
+
 def test_at_most_three_things_are_to_be_done_the_most_important_first(worker, monkeypatch):
     found = [Finding(kind, "zone", f"{kind}; mend {kind}") for kind in reversed(kinds.FINDINGS)]
     monkeypatch.setattr(worker, "diagnosis", lambda: Diagnosis((*found, *found)))

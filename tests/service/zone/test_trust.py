@@ -134,10 +134,10 @@ def test_a_fan_that_held_too_little_as_it_was_issued_is_never_trusted(found, exp
     assert (worse.level, worse.planned) == ("untrusted", "untrusted")
 
 
-def outdone(arx=0.5, yesterday=0.5, rmse=0.4, day=None):
+def outdone(arx=0.5, yesterday=0.5, rmse=0.4, day=None, **near):
     """Six hours ahead as `rmse` [K] says, in hindsight and as issued, against the RMSE of simpler forecasts."""
-    weeks = (horizon(300), HorizonSkill.of(21600, 100, 0.95, 0.2, rmse, 0.2, 0.8, arx))
-    days = (horizon(300), HorizonSkill.of(21600, 24, 0.95, 0.2, rmse if day is None else day, 0.2, 0.8, arx))
+    weeks = (horizon(300, **near), HorizonSkill.of(21600, 100, 0.95, 0.2, rmse, 0.2, 0.8, arx))
+    days = (horizon(300, **near), HorizonSkill.of(21600, 24, 0.95, 0.2, rmse if day is None else day, 0.2, 0.8, arx))
     issued = (IssuedSkill(21600, 100, 0.95, 0.2, rmse, 0.2, 0.8, yesterday, 0.2, 0.2),)
     return skill_over(0, {1: days, 7: weeks, 30: weeks}, dict.fromkeys((1, 7, 30), issued))
 
@@ -164,6 +164,10 @@ def test_a_model_that_a_simpler_forecast_outdoes_says_so(found, expected, told, 
     assert after(trust, None).beaten == trust.beaten
     assert level(after(trust, outdone(), hours=RISES - 1)) == expected
     assert level(after(trust, outdone(), hours=RISES)) == "trusted"
+
+
+def test_no_reliance_on_a_horizon_that_is_doubted_itself():
+    assert after(Trust(), outdone(arx=0.3, coverage=0.8)).beaten.endswith("; do not rely on the model yet")
 
 
 def test_a_good_day_does_not_show_that_the_heating_is_foreseen():
