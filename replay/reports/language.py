@@ -13,7 +13,7 @@ from functools import cache
 from importlib.resources import files
 
 from replay.reports.kit.report import Plot, Report, Section
-from replay.reports.kit.table import Cell, Table
+from replay.reports.kit.table import Cell, Table, shown
 
 LANGUAGES = ("en", "de")
 """What a report can be in; the first is what it is written in."""
@@ -21,14 +21,23 @@ LANGUAGES = ("en", "de")
 Say = Callable[[str], str]
 
 _DURATION = re.compile(r"(?<![^\s(])(\d+)(min|[dhs])(?![^\s,.;:)])")
+_DECIMAL = r"(?<![\w./])(\d+)\.(\d+(?:e[+-]?\d+)?)(?![\w/]|\.\d)"
 _GAP = re.compile(r"\{\{|\}\}|\{(\w+)\}")
 
 
-def sayer(language: str) -> Say:
-    """What gives a sentence in `language`, one of LANGUAGES."""
+def sayer(language: str, names: Collection[str] = ()) -> Say:
+    """What gives a sentence in `language`, one of LANGUAGES; `names`, of zones, channels and parameters, stay as they
+    are."""
     if language == LANGUAGES[0]:
-        return _spaced
-    return lambda text: _said(language, text) or _spaced(text)
+        return lambda text: text if text in names else _spaced(text)
+    kept = map(re.escape, sorted((name for name in names if "." in name), key=len, reverse=True))
+    numbers = re.compile("|".join(["`[^`]*`", *kept, _DECIMAL]))
+
+    def say(text: str) -> str:
+        told = text if text in names else _said(language, text) or _spaced(text)
+        return numbers.sub(lambda found: found[0] if found[1] is None else f"{found[1]},{found[2]}", told)
+
+    return say
 
 
 def _spaced(text: str) -> str:
@@ -37,12 +46,8 @@ def _spaced(text: str) -> str:
 
 
 def in_language(report: Report, language: str, names: Collection[str]) -> Report:
-    """`report` in `language`; `names`, of zones, channels and parameters, stay as they are."""
-    translate = sayer(language)
-
-    def say(text: str) -> str:
-        return text if text in names else translate(text)
-
+    """`report` in `language`; `names` as for `sayer`."""
+    say = sayer(language, names)
     return report._replace(
         title=say(report.title),
         lead=tuple(map(say, report.lead)),
@@ -60,7 +65,7 @@ def table_in(table: Table, say: Say) -> Table:
 
 
 def _cell(cell: Cell, say: Say) -> Cell:
-    return say(cell) if isinstance(cell, str) else cell
+    return say(shown(cell)) if isinstance(cell, str | float) else cell
 
 
 def _section(section: Section, say: Say) -> Section:
@@ -74,6 +79,7 @@ def _section(section: Section, say: Say) -> Section:
 
 def _plot(plot: Plot, say: Say) -> Plot:
     figure = plot.figure
+    figure.update_layout(separators=say("0.5")[1] + " ")
     figure.for_each_trace(lambda trace: trace.update(name=say(trace.name)) if trace.name else None)
     for axis in (*figure.select_xaxes(), *figure.select_yaxes()):
         if axis.title.text:

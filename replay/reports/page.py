@@ -25,7 +25,7 @@ def report(site: str, traces: Sequence[Trace], progress: bool = False) -> Report
     clocks = " and ".join(dict.fromkeys(trace.clock for trace in traces))
     return Report(
         document.title.format(site=site),
-        tuple(map(_in_a_sentence, traces)),
+        tuple(map(_in_a_sentence, tables.worst_first(traces))),
         (
             *([document.section("All rooms", tables.to_do(traces))] if several else []),
             *(section for trace in drawn for section in _zone(document, trace, several)),
@@ -63,7 +63,7 @@ def _trusted(trust: Trust) -> str:
         for levels in ((TRUSTED,), (DOUBTFUL, UNTRUSTED))
     )
     told = f"nothing speaks against the forecasts {good} ahead" if good and not trust.beaten else ""
-    care = f"take the forecasts with care {doubted} ahead" if doubted else "" if told else "take the forecasts with care"
+    care = "" if told and not doubted else "take the forecasts with care" + (f" {doubted} ahead" if doubted else "")
     reasons = dict.fromkeys(one.reason for one in trust.horizons if one.reason and one.reason not in trust.beaten)
     sentence = "; ".join(filter(None, (care, told, *reasons, trust.beaten)))
     return sentence[0].upper() + sentence[1:]

@@ -23,6 +23,8 @@ _DRAWN = 2500
 _BINS = 20
 _RARE, _WILD = 0.001, 0.05
 """Shares of a line and of a band that may lie beyond either end of a chart."""
+_SHEET = 860
+"""Pixels of a plot that a printed sheet holds with its title and its note."""
 _FANS = 30
 """Days of fans that are drawn, the newest."""
 
@@ -129,7 +131,7 @@ def parameters(trace: Trace) -> Plot:
         if place is None:
             low, median, high = (np.log10(column) for column in values.T)
             figure.update_yaxes(range=_legible((median,), (low, high)), row=row, col=col)
-    return Plot("parameters-over-time", figure, height=60 + 210 * rows)
+    return Plot("parameters-over-time", figure, height=min(60 + 210 * rows, _SHEET))
 
 
 def pit(found: Diagnostics) -> Plot:

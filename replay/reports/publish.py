@@ -24,7 +24,7 @@ def publish_report(
     path = out / FILE
     with writing(out):
         path.write_text(report_page(site, traces, language, progress), encoding="utf-8")
-    say = sayer(language)
+    say = sayer(language, _names(traces))
     table = table_in(tables.skill(traces), say)
     print("\n".join(["", *tables.terminal(table), "", say(f"report: {path}")]))
     return 0

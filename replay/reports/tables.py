@@ -1,5 +1,6 @@
 """The tables of a report; the same rows stand in the terminal and on the page."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -77,10 +78,20 @@ def zones(traces: Sequence[Trace]) -> Table:
     return Table("zones", columns, tuple(rows))
 
 
+def worst_first(traces: Sequence[Trace]) -> list[Trace]:
+    """First the zone with what is most urgent, then the one that is uncomfortable longest; last what needs nothing."""
+
+    def urgency(trace: Trace) -> tuple[float, float]:
+        if trace.room is None or not trace.room.to_do:
+            return math.inf, 0.0
+        return trace.room.to_do[0].urgency, -trace.room.answers[0].value / trace.room.days
+
+    return sorted(traces, key=urgency)
+
+
 def to_do(traces: Sequence[Trace]) -> Table:
-    """What to do in each zone: first the zone with what is most urgent, then the one that is uncomfortable longest."""
-    rooms = [(trace.zone, trace.room) for trace in traces if trace.room is not None and trace.room.to_do]
-    rooms.sort(key=lambda one: (one[1].to_do[0].urgency, -one[1].answers[0].value / one[1].days))
+    """What to do in each zone, the worst first."""
+    rooms = ((trace.zone, trace.room) for trace in worst_first(traces) if trace.room is not None)
     rows = tuple((zone, one.what, one.why) for zone, room in rooms for one in room.to_do)
     return Table("to-do", ("zone", "what", "why"), rows)
 

@@ -1,6 +1,5 @@
 """A report: tables as CSV, and one HTML page that needs nothing beside itself."""
 
-import re
 from collections.abc import Mapping
 from html import escape
 from importlib.resources import files
@@ -10,7 +9,7 @@ from typing import Any, NamedTuple
 from plotly.offline import get_plotlyjs
 
 from replay.errors import writing
-from replay.reports.kit.table import Table
+from replay.reports.kit.table import Table, inline
 
 
 class Plot(NamedTuple):
@@ -60,7 +59,7 @@ def write_report(report: Report, out: Path) -> list[Path]:
 
 def page(report: Report) -> str:
     """The report as one HTML page, plotly.js and all."""
-    lead = "".join(f"<li>{_inline(sentence)}</li>" for sentence in report.lead)
+    lead = "".join(f"<li>{inline(sentence)}</li>" for sentence in report.lead)
     plots = any(section.plots for section in report.sections)
     style, drawing = (files(__package__).joinpath(name).read_text("utf-8") for name in ("report.css", "report.js"))
     script = f"<script>{get_plotlyjs()}</script><script>{drawing}</script>" if plots else ""
@@ -81,7 +80,7 @@ def _section(section: Section) -> str:
 def _paragraph(text: str) -> str:
     if text.startswith("```"):
         return f"<pre>{escape(text.strip('`').strip())}</pre>"
-    return f"<p>{_inline(text)}</p>"
+    return f"<p>{inline(text)}</p>"
 
 
 def _plot(plot: Plot) -> str:
@@ -92,9 +91,5 @@ def _plot(plot: Plot) -> str:
     drawn = figure.to_json().replace("</", "<\\/")
     return (
         f"<figure><figcaption>{escape(plot.title)}</figcaption><div class='plot' style='min-height:{plot.height}px'>"
-        f"<script type='application/json'>{drawn}</script></div><p class='reading'>{_inline(plot.reading)}</p></figure>"
+        f"<script type='application/json'>{drawn}</script></div><p class='reading'>{inline(plot.reading)}</p></figure>"
     )
-
-
-def _inline(text: str) -> str:
-    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text, quote=False))

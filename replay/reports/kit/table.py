@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -64,7 +65,7 @@ class Table:
 
     def html(self) -> str:
         """A figure element; numbers align right, and so does what stands above them."""
-        texts = [all(isinstance(row[place], str) for row in self.rows) for place in range(len(self.columns))]
+        texts = [all(_is_text(row[place]) for row in self.rows) for place in range(len(self.columns))]
         head = "".join(
             f"<th{_TEXT if text else ''}>{escape(name)}</th>" for name, text in zip(self.columns, texts, strict=True)
         )
@@ -73,7 +74,7 @@ class Table:
             f"{'<tr>' if place < own else _QUOTED}{''.join(map(_html_cell, row))}</tr>"
             for place, row in enumerate(self.rows)
         )
-        note = f"<p class='note'>{escape(self.note)}</p>" if self.note else ""
+        note = f"<p class='note'>{inline(self.note)}</p>" if self.note else ""
         return (
             f"<figure class='table'><figcaption>{escape(self.title)}</figcaption>"
             f"<div class='scroll' tabindex='0' role='group' aria-label='{escape(self.title)}'>"
@@ -118,10 +119,20 @@ def _exact(value: float) -> str:
 _QUOTED = "<tr class='quoted'>"
 _TEXT = " class='text'"
 _MARKS = ("met", "missed", "open")
+_NUMBER = re.compile(r"[+-]?\d[\d.,]*(e[+-]?\d+)?( %)?|–")
+
+
+def inline(text: str) -> str:
+    """`text` as HTML, in which `backticks` mark code."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text, quote=False))
+
+
+def _is_text(cell: Cell) -> bool:
+    return isinstance(cell, str) and not _NUMBER.fullmatch(cell)
 
 
 def _html_cell(cell: Cell) -> str:
-    text = escape(shown(cell))
+    text = inline(shown(cell))
     if cell in _MARKS:
         text = f"<span class='{cell}'>{text}</span>"
-    return f"<td{_TEXT}>{text}</td>" if isinstance(cell, str) else f"<td>{text}</td>"
+    return f"<td{_TEXT}>{text}</td>" if _is_text(cell) else f"<td>{text}</td>"

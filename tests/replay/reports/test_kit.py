@@ -21,7 +21,7 @@ TABLE = Table(
     ("estimator", "RMSE, K", "runs"),
     (("a | b", spread([1.0, 2.0, 3.0]), 3), ("paper", 0.088, None), ("<none>", math.nan, 0)),
     "Scores <of> all",
-    "A note.",
+    "A `note`.",
     quoted=1,
 )
 
@@ -54,6 +54,12 @@ def test_html_escapes_what_would_break_it() -> None:
     assert "Scores &lt;of&gt; all" in TABLE.html()
     assert TABLE.html().count("class='quoted'") == 1
     assert "<td class='text'>&lt;none&gt;</td>" in TABLE.html()
+    assert "A <code>note</code>." in TABLE.html()
+
+
+def test_code_is_marked_and_numbers_align_right_whatever_their_decimal_sign() -> None:
+    page = Table("t", ("what", "share"), (("do `x`", "+7,5 %"), ("y", "–"))).html()
+    assert "<td class='text'>do <code>x</code></td><td>+7,5 %</td>" in page
 
 
 def test_a_row_of_another_length_is_refused() -> None:

@@ -172,7 +172,7 @@ def strings(report):
         yield from (section.title, *section.paragraphs)
         for table in section.tables:
             yield from (table.title, table.note, *table.columns)
-            yield from (cell for row in table.rows for cell in row if isinstance(cell, str))
+            yield from (shown(cell) for row in table.rows for cell in row if isinstance(cell, str | float))
         for one in section.plots:
             yield from (one.title, one.reading)
         for plot in section.plots:
@@ -198,9 +198,19 @@ def test_a_report_in_german_leaves_no_sentence_in_english(replayed, tmp_path, ca
     assert left == {"`parameter-at-bound`: a sentence that nobody knows."}
     assert "median" in german, "a room may be called so"
     assert any(text.startswith("`parameter-at-bound`: C_i liegt an der unteren Grenze von 1e5 J/K") for text in german)
+    assert not any(re.search(r"\d\.\d", text) for text in german), "a German decimal is a comma"
+    assert sayer("de", {"EG 1.02"})("EG 1.02 `sd = 0.5` 1.5e6") == "EG 1.02 `sd = 0.5` 1,5e6", (
+        "but of a name, and of code"
+    )
     publish_report("site", traces, tmp_path, language="de")
     assert "<html lang='de'>" in (tmp_path / "report.html").read_text()
     assert "Was die Vorhersagen wert waren" in capsys.readouterr().out
+
+
+def test_a_report_leads_with_the_room_that_needs_most(replayed):
+    (trace,) = replayed[1]
+    fine = trace._replace(zone="fine", room=replace(trace.room, to_do=()))
+    assert [sentence.split("`")[1] for sentence in report("site", [fine, trace]).lead] == [ZONE, "fine"]
 
 
 def test_every_time_is_that_of_the_site(replayed, tmp_path):

@@ -75,7 +75,7 @@ def test_warming_up_takes_as_long_as_the_room_was_too_cold_after_a_setback():
         "After a setback it took 1.5 h to be warm again, at most 3.0 h; start heating so long before it is to be warm"
     )
     assert (answer.value, answer.unit) == (1.5, "h")
-    assert sayer("de")(answer.sentence).startswith("Nach einer Absenkung dauerte es 1.5 h, bis er wieder warm war, h")
+    assert sayer("de")(answer.sentence).startswith("Nach einer Absenkung dauerte es 1,5 h, bis er wieder warm war, h")
     (answer,) = warming_up(STEP, *mornings(6, 200, 6), 0.5)
     assert answer.sentence.endswith("1 of 5 times it was not warm before the next setback")
     (answer,) = warming_up(STEP, *mornings(), 0.5)
@@ -139,7 +139,7 @@ def test_an_input_that_came_otherwise_is_named():
         (
             400.0,
             "that nobody measures, brought 2.4 kWh more than usual",
-            "das niemand misst, brachten 2.4 kWh mehr als sonst",
+            "das niemand misst, brachten 2,4 kWh mehr als sonst",
         ),
         (
             -400.0,
