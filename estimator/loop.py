@@ -32,7 +32,7 @@ from estimator.heat.known import KnownHeat
 from estimator.neighbours import Experience, begun
 from estimator.thermostat import thermostat as thermostats
 from estimator.thermostat.futures import NOTHING_KNOWN, ToCome
-from estimator.thermostat.live import Ahead, Live, LiveForecasts
+from estimator.thermostat.live import Ahead, Live, LiveForecasts, Now
 from estimator.thermostat.thermostat import Thermostat, no_thermostat
 from estimator.types import Estimator, Mixture, Outcome, Posterior
 from estimator.verification.as_issued import AsIssued, Issued
@@ -317,7 +317,8 @@ class Loop:
             return self.ahead(carried, time + period, foreseeing(steps))
 
         issues = self._issues(time + period)
-        live = self.live.advanced(live, carried.standing.state, known, inputs, time + period, ahead if issues else None)
+        now = Now(carried.standing.state, known, inputs, time + period)
+        live = self.live.advanced(live, now, ahead if issues else None)
         return carried._replace(thermostat=known, live=live)
 
     def _issued(self, carried: Carried, time: int) -> Carried:

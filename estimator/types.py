@@ -18,6 +18,10 @@ ALPHA_LEVELS = (0.025, 0.5, 0.975)
 """Levels of the quantiles of the volatility alpha."""
 
 
+LOG_SMALLEST = float(np.log(np.finfo(float).tiny))
+"""Below this log weight every weight would be zero in floating point: no particle explains the measurement at all."""
+
+
 class Outcome(StrEnum):
     """What an update did with its sample."""
 

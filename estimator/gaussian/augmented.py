@@ -25,10 +25,7 @@ from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
 from estimator.network.space import parameter_space
 from estimator.network.starting import initial_temperatures
-from estimator.types import Mixture, Mixtures, ModelDraws, OneState, Outcome, ParameterSummary, Posterior
-
-_LOG_SMALLEST = float(np.log(np.finfo(float).tiny))
-"""Below this log likelihood a measurement is one that the filter cannot explain at all, as for the particle filter."""
+from estimator.types import LOG_SMALLEST, Mixture, Mixtures, ModelDraws, OneState, Outcome, ParameterSummary, Posterior
 
 _SUMMARY_DRAWS = 2000
 """Draws from the posterior of phi for the quantiles of what is no monotone function of one parameter."""
@@ -104,7 +101,7 @@ class AugmentedFilter(OneState, ABC):
             if y == y:
                 step = scalar_update(gaussian, node, y, self.options.measurement_sd**2)
                 gaussian, log_likelihood = step.gaussian, log_likelihood + step.log_likelihood
-        if not log_likelihood > _LOG_SMALLEST:
+        if not log_likelihood > LOG_SMALLEST:
             return self._posterior(state, Outcome.VANISHED)
         return self._posterior(AugmentedState(*self._confined(gaussian)), Outcome.ASSIMILATED, log_likelihood)
 

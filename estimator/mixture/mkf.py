@@ -32,6 +32,7 @@ from estimator.particle.kalman import unpack
 from estimator.particle.resampling import Weighted, effective_sample_size, reweigh, systematic
 from estimator.types import (
     ALPHA_LEVELS,
+    LOG_SMALLEST,
     Disturbance,
     Mixture,
     Mixtures,
@@ -48,9 +49,6 @@ _SUMMARY_DRAWS = 400
 
 _NEGLIGIBLE = 1e-4
 """Share of an average weight below which a particle that will never change its mind is dropped."""
-
-_LOG_SMALLEST = float(np.log(np.finfo(float).tiny))
-"""Below this log weight every weight would be zero in floating point."""
 
 _OFF_SD = 1e-9
 """Standard deviation [kW] that stands for none."""
@@ -202,7 +200,7 @@ class MKF(OneState):
         particles, log_likelihood = self._moves.assimilate(state.particles(), outputs)
         log_weights = state.log_weights + log_likelihood
         # A largest weight that is not a number is no reason to stop: the others may still explain the sample.
-        if not np.fmax.reduce(log_weights) > _LOG_SMALLEST:
+        if not np.fmax.reduce(log_weights) > LOG_SMALLEST:
             return self._kept(state, Outcome.VANISHED)
         return self._learn(state.with_particles(particles), reweigh(log_weights))
 

@@ -27,6 +27,7 @@ from estimator.particle.reference import ReferenceSteps
 from estimator.particle.resampling import Weighted, effective_sample_size, reweigh, systematic
 from estimator.types import (
     ALPHA_LEVELS,
+    LOG_SMALLEST,
     Mixture,
     Mixtures,
     ModelDraws,
@@ -38,9 +39,6 @@ from estimator.types import (
 )
 
 _ALPHA_LEVELS = np.array(ALPHA_LEVELS)
-
-_LOG_SMALLEST = float(np.log(np.finfo(float).tiny))
-"""Below this log weight every weight would be zero in floating point."""
 
 
 class ParticleState(NamedTuple):
@@ -128,7 +126,7 @@ class RBPF(OneState):
                 step = self._steps.assimilate(mean, covariance, node, y, self.options.measurement_sd**2)
                 mean, covariance, log_weights = step.mean, step.covariance, log_weights + step.log_likelihood
         # A largest weight that is not a number is no reason to stop: the others may still explain the sample.
-        if not np.fmax.reduce(log_weights) > _LOG_SMALLEST:
+        if not np.fmax.reduce(log_weights) > LOG_SMALLEST:
             return self._kept(state, Outcome.VANISHED)
         return self._learn(state._replace(mean=mean, covariance=covariance), reweigh(log_weights))
 

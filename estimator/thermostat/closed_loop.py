@@ -22,7 +22,7 @@ from estimator.arrays import Array, Indices
 from estimator.foresight import Astray
 from estimator.kernels.draws import Draws, Purpose
 from estimator.statespace.matrices import StateSpace, of_draws
-from estimator.statespace.simulate import Driving
+from estimator.statespace.simulate import Driving, Simulation
 from estimator.thermostat.law import Laws, called
 from estimator.types import Mixtures, ModelDraws
 
@@ -193,7 +193,7 @@ def course_of(
     return course(models, laws, rows, before, noise=noise, numbers=_drawn(laws, now, count), astray=astray)
 
 
-class LawRoom:
+class LawRoom(Simulation):
     """A room whose thermostat keeps `setpoints` (h,) [degC] while it is simulated step by step with its neighbours; see
     `estimator.statespace.simulate.Room`. Beyond their end the last set-point stays."""
 
@@ -202,32 +202,27 @@ class LawRoom:
     ) -> None:
         """`before` (n_u,) are the inputs of the step before the first; `driving` is needed where the network of the
         models has terms."""
-        self._models, self._laws, self._setpoints, self._before = models, laws, setpoints, before
-        self._driving = driving
+        super().__init__(models, driving)
+        self._laws, self._setpoints, self._before = laws, setpoints, before
         self._places = laws.column.astype(np.int64)
-        self._state, self._ahead = models.state, 0
         first = np.maximum(laws.sign * before[self._places], 0.0)
         self._heat = np.repeat(first[:, None], len(models.state), axis=1)
 
-    def outputs(self) -> Array:
-        """(n_y,): mean of the outputs now [degC]."""
-        each = self._state @ self._models.c.T
-        return np.asarray((each * self._models.weights[:, None]).sum(axis=0), dtype=np.float64)
-
     def step(self, inputs: Array) -> None:
         """One step on under `inputs` (n_u,), of which those that obey a law hold only where no set-point is known."""
-        setpoint = self._setpoints[min(self._ahead, len(self._setpoints) - 1)]
-        row = (inputs if self._driving is None else self._driving(self._ahead, inputs)).copy()
-        if not np.isnan(setpoint):
-            row[self._places] = 0.0
+        setpoint = self._setpoints[min(self._step, len(self._setpoints) - 1)]
+        if np.isnan(setpoint):
+            return super().step(inputs)
+        free = inputs.copy()
+        free[self._places] = 0.0
         measured, before = self._models.c[0], self._state
-        self._state = np.einsum("kij,kj->ki", self._models.a, before) + self._models.b @ row
-        for i in range(len(self._places) if not np.isnan(setpoint) else 0):
+        super().step(free)
+        for i in range(len(self._places)):
             now, later = (setpoint - state @ measured for state in (before, self._state))
             effect = self._models.b[:, :, self._places[i]] * self._laws.sign[i]
             self._heat[i] = called(self._laws, i, now, later, effect @ measured, self._heat[i])
             self._state = self._state + effect * self._heat[i][:, None]
-        self._ahead += 1
+        return None
 
     def anew(self) -> LawRoom:
         """The same at its beginning."""

@@ -148,6 +148,18 @@ class Live(NamedTuple):
     """(H, N): of the last forecasts under a plan that had the room held [K], the newest last."""
 
 
+class Now(NamedTuple):
+    """The moment from which a forecast is made."""
+
+    state: Any
+    """The estimator's, predicted to the next sample."""
+    thermostat: Thermostat
+    before: Array
+    """(n_u,): inputs in force."""
+    time: int
+    """Of the state [UTC s]."""
+
+
 class Heat(NamedTuple):
     """What N futures of h steps call for."""
 
@@ -193,6 +205,10 @@ class Fan(NamedTuple):
         found = self.outputs.means[:, :, chosen]
         found[0] = self.outputs.at(0).mean()[:, None]
         return np.asarray(found.transpose(2, 0, 1))
+
+
+_Future = tuple[Mixtures, Callable[[], Heat]]
+"""The outputs at L leads, and the heat over the steps that lead there."""
 
 
 class Told(NamedTuple):
@@ -254,37 +270,26 @@ class LiveForecasts:
         """Whether a plan of set-points can be answered: a member has physics, and heat obeys a set-point."""
         return bool(self._members and len(thermostat.laws.column))
 
-    def planned(
-        self, live: Live, state: Any, thermostat: Thermostat, setpoints: Array, ahead: Ahead, before: Array, time: int
-    ) -> Fan | None:
-        """The forecast from `state` at `time` [UTC s] on under planned `setpoints` (h,) [degC] and what is foreseen
-        `ahead`; None where no member has physics, or no heat obeys a set-point. `before` (n_u,) are the inputs in
-        force."""
-        laws, rows = thermostat.laws, ahead.rows
-        if not self.obeyed(thermostat) or not len(rows):
+    def planned(self, live: Live, now: Now, setpoints: Array, ahead: Ahead) -> Fan | None:
+        """The forecast under planned `setpoints` (h,) [degC] and what is foreseen `ahead`; None where no member has
+        physics, or no heat obeys a set-point."""
+        if not self.obeyed(now.thermostat) or not len(ahead.rows):
             return None
-        leads = np.arange(2, len(rows) + 2, dtype=np.float64)
-        shares = self._shares(live, state)
-        courses = self._courses(state, laws, shares, ahead, before, _DRAWS, time)
-        outputs, heat = self._under(live, courses, shares, thermostat, setpoints, leads)
+        leads = np.arange(2, len(ahead.rows) + 2, dtype=np.float64)
+        shares = self._shares(live, now.state)
+        courses = self._courses(now, shares, ahead, _DRAWS)
+        outputs, heat = self._under(live, courses, shares, now.thermostat, setpoints, leads)
         everyone = outputs.weights.shape[1]
         scales = self._scales(live, _ENERGY, leads)
-        return Fan(outputs.after(self._now(state)), heat(), np.empty((len(rows), 0)), everyone, scales)
+        outputs = outputs.after(self._estimator.predictive(now.state))
+        return Fan(outputs, heat(), np.empty((len(ahead.rows), 0)), everyone, scales)
 
-    def unplanned(
-        self,
-        live: Live,
-        state: Any,
-        thermostat: Thermostat,
-        ahead: Ahead,
-        before: Array,
-        time: int,
-    ) -> Fan:
-        """The forecast from `state` at `time` [UTC s] on, where nobody plans."""
+    def unplanned(self, live: Live, now: Now, ahead: Ahead) -> Fan:
+        """The forecast where nobody plans."""
         leads = np.arange(2, len(ahead.rows) + 2, dtype=np.float64)
-        chances = between(self._chances(live, thermostat).T, self.leads, leads)
+        chances = between(self._chances(live, now.thermostat).T, self.leads, leads)
         chosen = chances.max(axis=1) >= _NEGLIGIBLE
-        futures = self._futures(live, state, thermostat, ahead, before, time, chosen, _DRAWS, leads)
+        futures = self._futures(live, now, ahead, chosen, _DRAWS, leads)
         chances = np.where(chosen[:, None], chances, 0.0)
         chances /= chances.sum(axis=0)
         scales = self._scales(live, UNPLANNED, leads)
@@ -294,7 +299,7 @@ class LiveForecasts:
         heated = [place for place in places if place != _BY_REGRESSION] or places
         of_heat = chances[heated] / np.maximum(chances[heated].sum(axis=0), 1e-12)
         return Fan(
-            outputs=outputs.after(self._now(state)),
+            outputs=outputs.after(self._estimator.predictive(now.state)),
             heat=_joined([futures[place][1]() for place in heated], of_heat),
             chances=chances.T,
             simulated=sum(futures[place][0].weights.shape[1] for place in heated),
@@ -401,27 +406,19 @@ class LiveForecasts:
         )
         return live._replace(widths=tuple(widths))
 
-    def advanced(
-        self,
-        live: Live,
-        state: Any,
-        thermostat: Thermostat,
-        before: Array,
-        time: int,
-        ahead: Callable[[int], Ahead] | None,
-    ) -> Live:
-        """One period on under the inputs `before` (n_u,) and the newest set-point, to `state` at `time` [UTC s].
+    def advanced(self, live: Live, now: Now, ahead: Callable[[int], Ahead] | None) -> Live:
+        """One period on, under the inputs in force and the newest set-point.
 
         Where both questions are answered now, to be held to what comes, `ahead(h)` is what is foreseen of h steps;
         otherwise it is None.
         """
         step, longest = live.step + 1, max(self.leads, default=0)
         issues = tuple(issue for issue in live.issues if step - int(issue.step) < longest)
-        setpoints = np.append(live.setpoints, thermostat.setpoint)
-        column = thermostat.laws.column.astype(np.int64)
-        heat = np.append(live.heat, np.abs(before[column]).sum() if len(column) else np.nan)
-        if longest and ahead is not None and self.knows(thermostat, time):
-            issues = (*issues, self._issue(live, step, state, thermostat, ahead(longest - 1), before, time))
+        setpoints = np.append(live.setpoints, now.thermostat.setpoint)
+        column = now.thermostat.laws.column.astype(np.int64)
+        heat = np.append(live.heat, np.abs(now.before[column]).sum() if len(column) else np.nan)
+        if longest and ahead is not None and self.knows(now.thermostat, now.time):
+            issues = (*issues, self._issue(live, step, now, ahead(longest - 1)))
         kept = step - int(issues[0].step) if issues else 0
         first = len(setpoints) - kept
         return live._replace(step=step, setpoints=setpoints[first:], heat=heat[first:], issues=issues)
@@ -479,19 +476,10 @@ class LiveForecasts:
             errors=arrays.get("errors", fresh.errors),
         )
 
-    def _issue(
-        self,
-        live: Live,
-        step: int,
-        state: Any,
-        thermostat: Thermostat,
-        ahead: Ahead,
-        before: Array,
-        time: int,
-    ) -> Issue:
-        chances = self._chances(live, thermostat)
+    def _issue(self, live: Live, step: int, now: Now, ahead: Ahead) -> Issue:
+        chances, state = self._chances(live, now.thermostat), now.state
         leads = np.array(self.leads, dtype=np.float64)
-        everything = self._futures(live, state, thermostat, ahead, before, time, chances[0] > 0.0, _TRIED, leads)
+        everything = self._futures(live, now, ahead, chances[0] > 0.0, _TRIED, leads)
         futures = np.full((len(self.leads), len(FUTURES), 3, COMPONENTS), np.nan)
         for place, (mixtures, _) in everything.items():
             for horizon in range(len(self.leads)):
@@ -504,7 +492,7 @@ class LiveForecasts:
         return Issue(
             step=np.array(step, dtype=np.int64),
             drawn=tuple(_arrays(one) for one in drawn if one is not None),
-            before=before,
+            before=now.before,
             foreseen=_hourly(ahead.rows, self._estimator.period),
             strays=ahead.strays,
             trusted=self._trusted(state).T,
@@ -516,27 +504,16 @@ class LiveForecasts:
         )
 
     def _futures(
-        self,
-        live: Live,
-        state: Any,
-        thermostat: Thermostat,
-        ahead: Ahead,
-        before: Array,
-        time: int,
-        chosen: Array,
-        count: int,
-        leads: Array,
-    ) -> dict[int, tuple[Mixtures, Callable[[], Heat]]]:
-        """Of the futures that are `chosen` (F,), by their place: the outputs at the `leads` (L,), and the heat over the
-        steps that lead there."""
-        rows = ahead.rows
-        laws, memory = thermostat.laws, thermostat.memory
-        times = time + self._estimator.period * np.arange(len(rows), dtype=np.float64)
-        found: dict[int, tuple[Mixtures, Callable[[], Heat]]] = {}
+        self, live: Live, now: Now, ahead: Ahead, chosen: Array, count: int, leads: Array
+    ) -> dict[int, _Future]:
+        """Those that are `chosen` (F,), by their place."""
+        rows, state, thermostat = ahead.rows, now.state, now.thermostat
+        times = now.time + self._estimator.period * np.arange(len(rows), dtype=np.float64)
+        found: dict[int, _Future] = {}
         if chosen[: len(GUESSES)].any():
             shares = self._shares(live, state)
-            courses = self._courses(state, laws, shares, ahead, before, count, time)
-            told = guesses(memory, thermostat.setpoint, times, self._to_come)
+            courses = self._courses(now, shares, ahead, count)
+            told = guesses(thermostat.memory, thermostat.setpoint, times, self._to_come)
             for place in np.flatnonzero(chosen[: len(GUESSES)]).tolist():
                 found[place] = self._under(live, courses, shares, thermostat, told[place], leads)
         for place in (np.flatnonzero(chosen[len(GUESSES) :]) + len(GUESSES)).tolist():
@@ -545,7 +522,7 @@ class LiveForecasts:
             issue = self._estimator.issue(asked, count if count == _TRIED else self._estimator.forecast_draws)
             after = _steps(leads)
             outputs = self._estimator.unfold(issue, planned).during(after)
-            found[place] = outputs, partial(_planned_heat, planned[after - 1], laws)
+            found[place] = outputs, partial(_planned_heat, planned[after - 1], thermostat.laws)
         return found
 
     def _under(
@@ -556,9 +533,8 @@ class LiveForecasts:
         thermostat: Thermostat,
         setpoints: Array,
         leads: Array,
-    ) -> tuple[Mixtures, Callable[[], Heat]]:
-        """The members' futures under `setpoints` (h,), mixed, as wide as they proved to be at the `leads` (L,), and the
-        heat over the steps that lead there."""
+    ) -> _Future:
+        """The members' futures under `setpoints` (h,), mixed, as wide as they proved to be."""
         laws, after = thermostat.laws, _steps(leads)
         own = between(shares, self.leads, leads)
         counted = [place for place in courses if own[place].any()]
@@ -573,19 +549,17 @@ class LiveForecasts:
         errors = held.spread_out(live.errors, self.leads, leads, [len(each.weights) for each in paths])
         return held.strayed(outputs, states, scales, errors), partial(_heat, paths, own, after)
 
-    def _courses(
-        self, state: Any, laws: Laws, shares: Array, ahead: Ahead, before: Array, count: int, time: int
-    ) -> dict[int, Course]:
-        """The members that count, by their place, on their way over what is foreseen `ahead` from `time` [UTC s] on."""
-        period, steps = self._estimator.period, len(ahead.rows)
-        origin = time // round(period)
+    def _courses(self, now: Now, shares: Array, ahead: Ahead, count: int) -> dict[int, Course]:
+        """The members that count, by their place, on their way over what is foreseen `ahead`."""
+        period, steps, laws = self._estimator.period, len(ahead.rows), now.thermostat.laws
+        origin = now.time // round(period)
         to_come = weather(self._estimator.network, ahead.strays, period, steps, round(origin * period))
-        states, most = self._states(state), shares.max(axis=1)
+        states, most = self._states(now.state), shares.max(axis=1)
         found = {}
         for place in np.flatnonzero(most > 0.0).tolist():
             drawn = self._members[place].draws(states[place], max(_FEWEST, round(count * most[place] / most.sum())))
             assert drawn is not None
-            found[place] = self._course(drawn, place, laws, ahead.rows, before, to_come, origin)
+            found[place] = self._course(drawn, place, laws, ahead.rows, now.before, to_come, origin)
         return found
 
     def _course(
@@ -605,9 +579,6 @@ class LiveForecasts:
     def _states(self, state: Any) -> list[Any]:
         members = (state,) if self._bank is None else state.members
         return [members[place] for place in self._places]
-
-    def _now(self, state: Any) -> Mixture:
-        return self._estimator.predictive(state)
 
     def _trusted(self, state: Any) -> Array:
         """(E, H): what the physical members weigh before they proved anything under plans of set-points: what the bank

@@ -14,7 +14,7 @@ from estimator.arrays import DAY, Array, Indices, together, under
 from estimator.types import Mixture
 from estimator.verification.hindsight import HORIZONS
 from estimator.verification.scores import COMPONENTS, crps, reduced
-from estimator.verification.skill import IssuedScores, SkillBook, empty_book, noted, scores
+from estimator.verification.skill import IssuedScores, SkillBook, empty_book, noted, scores, worth
 from estimator.verification.verification import LEVEL
 
 _TAILS = np.array([0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
@@ -140,17 +140,9 @@ def _values(waiting: Waiting, row: int, y: float, persistence: float, yesterday:
     """What a forecast of `y` was worth, by IssuedScores without the number."""
     there = waiting.weights[row] > 0.0
     mixture = Mixture(waiting.weights[row, there], waiting.means[row, there][None], waiting.sds[row, there][None])
-    lower, upper = float(waiting.lower[row]), float(waiting.upper[row])
-    return (
-        (y - float(mixture.mean()[0])) ** 2,
-        crps(mixture, 0, y),
-        float(lower <= y <= upper),
-        upper - lower,
-        (y - persistence) ** 2,
-        (y - yesterday) ** 2,
-        abs(y - persistence),
-        abs(y - yesterday),
-    )
+    interval = float(waiting.lower[row]), float(waiting.upper[row])
+    known = worth(y, float(mixture.mean()[0]), crps(mixture, 0, y), interval, persistence, yesterday)
+    return *known, abs(y - persistence), abs(y - yesterday)
 
 
 def _back(before: Array, steps: int) -> float:

@@ -1,5 +1,6 @@
 """How forecasts have turned out: sums by the hour, kept for thirty days, and the scores of any window in them."""
 
+from collections.abc import Sequence
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -83,6 +84,14 @@ def noted(book: SkillBook, hour: int, horizon: int, values: tuple[float, ...]) -
         hours[row], sums[row] = hour, 0.0
     sums[row, horizon] += np.array([1.0, *values], dtype=np.float32)
     return SkillBook(hours, sums)
+
+
+def worth(y: float, mean: float, crps: float, interval: Sequence[float], *others: float) -> tuple[float, ...]:
+    """What a forecast of `y` by its mean, CRPS and interval was worth beside what `others` said, in the order of Scores
+    without the number."""
+    lower, upper = interval
+    errors = ((y - other) ** 2 for other in others)
+    return ((y - mean) ** 2, crps, float(lower <= y <= upper), upper - lower, *errors)
 
 
 def scores(told: type[Told], book: SkillBook, until: int, window: int) -> Told:

@@ -16,7 +16,7 @@ from estimator.types import Estimator, Mixture, Outcome, Posterior
 from estimator.verification.hindsight import Hindsight, Pending
 from estimator.verification.one_step import OneStep
 from estimator.verification.scores import crps, gaussian_crps
-from estimator.verification.skill import Scores, SkillBook, empty_book, noted, scores
+from estimator.verification.skill import Scores, SkillBook, empty_book, noted, scores, worth
 
 LEVEL = 0.95
 """Of the interval whose coverage is counted."""
@@ -145,25 +145,12 @@ class Verification:
     def _one_step(self, published: OneStep, arx: Any, outputs: Array, y: float) -> tuple[float, ...]:
         """What the published forecast of `y` was worth, by Scores without the number."""
         mean, sd = float(published.mean[0]), float(published.sd[0])
-        lower, upper = published.interval(LEVEL, 0) or (mean - 1.96 * sd, mean + 1.96 * sd)
+        interval = published.interval(LEVEL, 0) or (mean - 1.96 * sd, mean + 1.96 * sd)
         reference, last = float(self._arx.predictive(arx).mean()[0]), float(outputs[-1, 0])
-        return (
-            (y - mean) ** 2,
-            float(gaussian_crps(published.mean[:1], published.sd[:1], y)[0]),
-            float(lower <= y <= upper),
-            upper - lower,
-            (y - last) ** 2 if np.isfinite(last) else (y - reference) ** 2,
-            (y - reference) ** 2,
-        )
+        cost = float(gaussian_crps(published.mean[:1], published.sd[:1], y)[0])
+        return worth(y, mean, cost, interval, last if np.isfinite(last) else reference, reference)
 
     def _values(self, mixture: Mixture, y: float, last: float, reference: float) -> tuple[float, ...]:
         """What `mixture` was worth as a forecast of `y`, by Scores without the number."""
-        lower, upper = mixture.quantiles(_TAILS, 0).tolist()
-        return (
-            (y - float(mixture.mean()[0])) ** 2,
-            crps(mixture, 0, y),
-            float(lower <= y <= upper),
-            upper - lower,
-            (y - last) ** 2,
-            (y - reference) ** 2,
-        )
+        interval = mixture.quantiles(_TAILS, 0).tolist()
+        return worth(y, float(mixture.mean()[0]), crps(mixture, 0, y), interval, last, reference)

@@ -5,19 +5,15 @@ from pathlib import Path
 from service.config.site import Config
 from service.config.written import effective_toml
 from service.errors import ServiceError
-from service.store.durable_files import sync_folder, write_file
+from service.store.durable_files import replace_file, sync_folder
 from service.store.store import CONFIGURATION
 
 
 def keep_configuration(config: Config) -> None:
     """Write the effective `config` into its state folder, readable for its owner only; OSError where that fails."""
-    folder = config.site.state_dir
-    temporary = folder / f"{CONFIGURATION}.tmp"
-    temporary.unlink(missing_ok=True)
     head = "# Written by the daemon at every start and reload, and by learn; changes here have no effect.\n"
-    write_file(temporary, f"{head}{effective_toml(config)}".encode())
-    temporary.replace(folder / CONFIGURATION)
-    sync_folder(folder)
+    replace_file(config.site.state_dir / CONFIGURATION, f"{head}{effective_toml(config)}".encode())
+    sync_folder(config.site.state_dir)
 
 
 def kept_configuration(state_dir: Path) -> Path:

@@ -11,7 +11,7 @@ from estimator.arrays import Array
 from estimator.network.network import Network
 from estimator.statespace.matrices import of_draws
 from estimator.thermostat.closed_loop import LawRoom
-from estimator.thermostat.live import Ahead
+from estimator.thermostat.live import Ahead, Now
 from estimator.thermostat.live import Fan as LiveFan
 from estimator.thermostat.thermostat import Thermostat
 from estimator.types import ModelDraws
@@ -57,18 +57,17 @@ class PlannedZone(NamedTuple):
 
         NoLaw for planned set-points that no law keeps.
         """
-        carried, state, thermostat = self.standing.carried, self.standing.state, self._thermostat
+        carried, thermostat, live = self.standing.carried, self._thermostat, self.worker.loop.live
+        now = Now(self.standing.state, thermostat, carried.held.values, int(self.grid.start))
         if not self.grid.steps:
             return None
-        live, start = self.worker.loop.live, int(self.grid.start)
         if self._plans_set_points:
             if not live.obeyed(thermostat):
                 raise NoLaw(self.why_no_law)
-            told = self._set_points
-            return live.planned(carried.live, state, thermostat, told, ahead, carried.held.values, start)
+            return live.planned(carried.live, now, self._set_points, ahead)
         if self._plans_heating or not live.knows(thermostat, self.grid.start):
             return None
-        return live.unplanned(carried.live, state, thermostat, ahead, carried.held.values, start)
+        return live.unplanned(carried.live, now, ahead)
 
     def law_room(self, draws: ModelDraws) -> LawRoom | None:
         """The zone's physics with the law inside, to be simulated with its neighbours; None where `with_law` is none,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from math import ceil
 from typing import Literal, NamedTuple
 
@@ -125,7 +126,8 @@ class RoomQuestion(NamedTuple):
             *last_day(worker, self.past.times, self.past.step, own, self.past.gain[:, 1]),
         ]
         warming = next((one.value for one in answers if one.about == "warming_up"), 0.0)
-        told = _told(worker.network, comfort, self.past, diagnosis, trust, standing, warming)
+        heated = partial(_heated, worker.network, self.past, standing)
+        told = [*for_the_model(diagnosis, trust), *_for_comfort(comfort, self.past, warming, heated)]
         return Room(
             days=len(self.past.times) * self.past.step / _DAY,
             answers=tuple(answers),
@@ -404,22 +406,14 @@ _FROM_FINDINGS = dict.fromkeys(kinds.TELEMETRY, -1) | {
 """Findings that call for something to be done, and how urgent that is; the others are for who reads parameters."""
 
 
-def _told(
-    network: Network,
-    comfort: Comfort,
-    past: Past,
-    diagnosis: Diagnosis,
-    trust: Trust,
-    standing: Standing,
-    warming: float,
-) -> Iterator[ToDo]:
-    """What to do; `warming` [h] is how long the room usually takes to be warm after a setback, 0 if unknown."""
-    yield from for_the_model(diagnosis, trust)
+def _for_comfort(comfort: Comfort, past: Past, warming: float, heated: Callable[[Mask], float]) -> Iterator[ToDo]:
+    """What to do about an uncomfortable room; `warming` [h] is how long it usually takes to be warm after a setback, 0
+    if unknown, and `heated` is as `_heated` has it."""
     cold, warm = (3.5, 3.0) if comfort.often == "warm" else (3.0, 3.5)
     if comfort.share(comfort.cold) > RARE:
-        yield ToDo(*_against_cold(network, comfort, past, standing, warming), cold)
+        yield ToDo(*_against_cold(comfort, past, warming, heated(comfort.cold)), cold)
     if comfort.share(comfort.warm) > RARE:
-        yield ToDo(*_against_warmth(network, comfort, past, standing), warm)
+        yield ToDo(*_against_warmth(comfort, heated(comfort.warm)), warm)
 
 
 def for_the_model(diagnosis: Diagnosis, trust: Trust) -> Iterator[ToDo]:
@@ -438,27 +432,23 @@ def for_the_model(diagnosis: Diagnosis, trust: Trust) -> Iterator[ToDo]:
         yield ToDo(parts[-1], parts[0], 4.5)
 
 
-def _against_cold(
-    network: Network, comfort: Comfort, past: Past, standing: Standing, warming: float
-) -> tuple[str, str]:
+def _against_cold(comfort: Comfort, past: Past, warming: float, heated: float) -> tuple[str, str]:
     reason = f"it was too cold for {float(comfort.cold.sum()) * comfort.hours:.0f} h"
     if comfort.share(comfort.cold & ~_after_a_rise(past)) <= RARE / 2.0:
         earlier = f"{warming:.1f} h earlier" if warming > 0.0 else "earlier"
         return f"start heating {earlier}", f"{reason} after a setback"
-    if _heated(network, past, standing, comfort.cold) > _FULL:
+    if heated > _FULL:
         return "have the heating looked at, or lower the set-point", f"{reason} at full heating"
     if comfort.against_setpoint:
         return "look for what keeps the heating from following the set-point, such as a closed valve", reason
     return "heat more, or give the zone its set-point", reason
 
 
-def _against_warmth(network: Network, comfort: Comfort, past: Past, standing: Standing) -> tuple[str, str]:
+def _against_warmth(comfort: Comfort, heated: float) -> tuple[str, str]:
     hours = float(comfort.warm.sum()) * comfort.hours
-    if _heated(network, past, standing, comfort.warm) > _LITTLE:
-        return (
-            "lower the heating or look for a valve that does not close",
-            f"it was too warm for {hours:.0f} h while it was heated",
-        )
+    if heated > _LITTLE:
+        reason = f"it was too warm for {hours:.0f} h while it was heated"
+        return "lower the heating or look for a valve that does not close", reason
     return "shade the windows or air", f"it was too warm for {hours:.0f} h without much heating"
 
 

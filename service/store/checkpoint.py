@@ -10,12 +10,10 @@ import hashlib
 import io
 import json
 import logging
-import lzma
 import os
 import re
 import struct
 import zipfile
-import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -43,20 +41,17 @@ _ARRAY = "array."
 
 DAMAGE = (
     zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
     OSError,
     struct.error,
     ValueError,
     KeyError,
     EOFError,
-    NotImplementedError,
     RuntimeError,
     TypeError,
     OverflowError,
     MemoryError,
 )
-"""What zipfile, its decompressors and NumPy raise on damaged bytes."""
+"""What zipfile and NumPy raise on damaged bytes; a NotImplementedError of zipfile is a RuntimeError."""
 
 _log = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ from estimator.network.presets import network
 from estimator.registry import build
 from estimator.thermostat.answers import JOULES, energy, total
 from estimator.thermostat.futures import GUESSES, guesses
-from estimator.thermostat.live import FUTURES, PLANNED, UNPLANNED, Ahead, LiveForecasts
+from estimator.thermostat.live import FUTURES, PLANNED, UNPLANNED, Ahead, LiveForecasts, Now
 from estimator.thermostat.memory import no_memory, remembered
 from estimator.thermostat.thermostat import no_thermostat, with_sample
 from estimator.verification.hindsight import issued_at
@@ -62,9 +62,10 @@ class Zone:
             return ahead(foreseen(HOUSE, self.day, inputs, self.time + PERIOD * np.arange(float(steps))).rows)
 
         issues = issued_at(self.time, PERIOD, SEED)
-        self.live = self.forecasts.advanced(
-            self.live, self.state, self.thermostat, inputs, self.time, coming if issues else None
-        )
+        self.live = self.forecasts.advanced(self.live, self.now(), coming if issues else None)
+
+    def now(self):
+        return Now(self.state, self.thermostat, self.before, self.time)
 
     def run(self, data, begin, end):
         for k in range(begin, end):
@@ -89,7 +90,7 @@ def test_under_a_plan_of_set_points_the_forecast_is_right_to_tenths_of_a_kelvin(
     outputs, rows, wanted = after(data, now)
     blind = rows.copy()
     blind[:, 1] = zone.before[1]
-    fan = zone.forecasts.planned(zone.live, zone.state, zone.thermostat, wanted, ahead(blind), zone.before, zone.time)
+    fan = zone.forecasts.planned(zone.live, zone.now(), wanted, ahead(blind))
     means = (fan.outputs.means[:-1, 0] * fan.outputs.weights[:-1]).sum(axis=1)
     assert np.sqrt(np.mean((means - outputs) ** 2)) < 0.3
     heat = (fan.heat.values[:, :, 0].T * fan.heat.weights).sum(axis=1)
@@ -102,9 +103,7 @@ def test_energy_is_as_uncertain_as_the_weather_that_is_foreseen():
     _, rows, wanted = after(data, now)
 
     def told(strays):
-        fan = zone.forecasts.planned(
-            zone.live, zone.state, zone.thermostat, wanted, ahead(rows, strays), zone.before, zone.time
-        )
+        fan = zone.forecasts.planned(zone.live, zone.now(), wanted, ahead(rows, strays))
         weights = fan.heat.weights.mean(axis=0)
         sums = fan.heat.values[:, :, 0].sum(axis=1)
         mean = float(weights @ sums)
@@ -126,7 +125,7 @@ def test_the_interval_of_an_energy_is_as_wide_as_energies_proved_to_stray():
     for k in range(14 * DAILY, 23 * DAILY, 6):
         zone.run((outputs, told, wanted), k, k + 6)
         came, plan = told[k + 6 : k + 6 + DAILY], wanted[k + 6 : k + 6 + DAILY]
-        fan = zone.forecasts.planned(zone.live, zone.state, zone.thermostat, plan, ahead(came), zone.before, zone.time)
+        fan = zone.forecasts.planned(zone.live, zone.now(), plan, ahead(came))
         scales.append(fan.energy_scales[-1])
         whole = total(energy(fan.heat, PERIOD, np.zeros(DAILY, dtype=np.int64)))
         lower, upper = whole.stretched(fan.energy_scales[-1:]).quantiles(TAILS)[0]
@@ -140,7 +139,7 @@ def test_where_nobody_plans_a_regular_schedule_is_found_and_the_interval_is_hone
     outputs, rows, _ = after(data, now)
     blind = rows.copy()
     blind[:, 1] = zone.before[1]
-    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, ahead(blind), zone.before, zone.time)
+    fan = zone.forecasts.unplanned(zone.live, zone.now(), ahead(blind))
     means = (fan.outputs.means[:-1, 0] * fan.outputs.weights[:-1]).sum(axis=1)
     held = unfolded(zone.estimator, zone.state, blind)
     assert np.sqrt(np.mean((means - outputs) ** 2)) < 0.4
@@ -154,7 +153,7 @@ def test_where_nobody_plans_a_regular_schedule_is_found_and_the_interval_is_hone
 def test_sampled_futures_stand_for_the_forecast():
     zone, data, now = lived()
     _, rows, wanted = after(data, now)
-    fan = zone.forecasts.planned(zone.live, zone.state, zone.thermostat, wanted, ahead(rows), zone.before, zone.time)
+    fan = zone.forecasts.planned(zone.live, zone.now(), wanted, ahead(rows))
     paths = fan.paths(40)
     assert paths.shape == (40, DAILY + 1, 1)
     means = (fan.outputs.means[:, 0] * fan.outputs.weights).sum(axis=1)
@@ -183,10 +182,8 @@ def test_the_interval_of_what_was_told_covers_as_it_claims(question):
 def test_before_a_law_is_known_the_heat_is_held_or_as_the_day_before():
     zone = Zone().run(recorded(1, PERIOD), 0, 10)
     rows = np.tile(zone.before, (DAILY, 1))
-    assert (
-        zone.forecasts.planned(zone.live, zone.state, zone.thermostat, rows[:, 0], ahead(rows), zone.before, 0) is None
-    )
-    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, ahead(rows), zone.before, zone.time)
+    assert zone.forecasts.planned(zone.live, zone.now(), rows[:, 0], ahead(rows)) is None
+    fan = zone.forecasts.unplanned(zone.live, zone.now(), ahead(rows))
     assert fan.chances[:, : len(GUESSES)].max() == 0.0
 
 
@@ -196,11 +193,8 @@ def test_a_black_box_has_no_answer_to_a_plan_of_set_points():
     assert len(zone.thermostat.laws.column) == 1
     rows = np.tile(zone.before, (DAILY, 1))
     plan = np.full(DAILY, 20.0)
-    assert (
-        zone.forecasts.planned(zone.live, zone.state, zone.thermostat, plan, ahead(rows), zone.before, zone.time)
-        is None
-    )
-    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, ahead(rows), zone.before, zone.time)
+    assert zone.forecasts.planned(zone.live, zone.now(), plan, ahead(rows)) is None
+    fan = zone.forecasts.unplanned(zone.live, zone.now(), ahead(rows))
     assert len(fan.outputs.means) == DAILY + 1
 
 
@@ -223,10 +217,8 @@ def test_a_bank_goes_on_from_a_checkpoint_with_the_same_bits_and_asking_changes_
     other.thermostat, other.before, other.day = zone.thermostat, zone.before, zone.day
     rows = np.tile(zone.before, (DAILY, 1))
     for _ in range(2):
-        zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, ahead(rows), zone.before, zone.time)
-        zone.forecasts.planned(
-            zone.live, zone.state, zone.thermostat, rows[:, 0] + 15.0, ahead(rows), zone.before, zone.time
-        )
+        zone.forecasts.unplanned(zone.live, zone.now(), ahead(rows))
+        zone.forecasts.planned(zone.live, zone.now(), rows[:, 0] + 15.0, ahead(rows))
     for each in (zone, other):
         each.run(data, 2 * DAILY, 2 * DAILY + 30)
     first, second = (each.forecasts.pack(each.live) for each in (zone, other))
@@ -301,7 +293,7 @@ def test_a_bank_without_a_set_point_asks_its_blind_regressions_too():
     members = {"ekf": {"estimator": "ekf"}, "blind": {"estimator": "direct", "blind": True}}
     zone = Zone("bank", {"members": members}).run((outputs, inputs, np.full(len(outputs), np.nan)), 0, 6 * DAILY)
     rows = np.tile(zone.before, (DAILY, 1))
-    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, ahead(rows), zone.before, zone.time)
+    fan = zone.forecasts.unplanned(zone.live, zone.now(), ahead(rows))
     chances = dict(zip(FUTURES, fan.chances[-1], strict=True))
     assert min(chances[name] for name in ("heat-held", "heat-of-yesterday", "by-regression")) > 0.0
     assert sum(chances[name] for name in GUESSES) == 0.0
