@@ -167,8 +167,14 @@ class Comfort(NamedTuple):
         cold, warm = self.share(self.cold), self.share(self.warm)
         return "" if max(cold, warm) <= RARE else "cold" if cold >= warm else "warm"
 
+    @property
+    def hours_of(self) -> tuple[float, float, float]:
+        """h in which it was too cold, and too warm, and that were measured."""
+        cold, warm, measured = (float(part.sum()) * self.hours for part in (self.cold, self.warm, self.measured))
+        return cold, warm, measured
+
     def answer(self) -> RoomAnswer:
-        cold, warm, all_hours = (float(part.sum()) * self.hours for part in (self.cold, self.warm, self.measured))
+        cold, warm, all_hours = self.hours_of
         verdict = f"Often too {self.often}" if self.often else "Comfortable"
         measure = (
             f"too cold is more than {COLD:g} K below the set-point, too warm more than {WARM:g} K above the highest of "

@@ -67,6 +67,8 @@ class Spark(NamedTuple):
     """h, against the highest set-point of the day: in a setback a room may cool down."""
     often: Literal["", "cold", "warm"]
     """As in the answers about the room."""
+    often_h: float
+    """h of DAYS in which it was so."""
 
     @classmethod
     def of(cls, sample_time: int, series: Series) -> Spark:
@@ -84,7 +86,9 @@ class Spark(NamedTuple):
         too_cold, too_warm = (float(when.sum()) * series.bucket / 3600.0 for when in (cold, warm))
         line = SparkPayload(first, series.bucket, tuple(values))
         lowest = float(np.fmin.reduce(setpoint[times > sample_time - _WARMING], initial=np.nan))
-        return cls(sample_time, line, lowest, too_cold, too_warm, Comfort.of(Past.of(series)).often)
+        comfort = Comfort.of(Past.of(series))
+        often_h = comfort.hours_of[comfort.often == "warm"] if comfort.often else 0.0
+        return cls(sample_time, line, lowest, too_cold, too_warm, comfort.often, often_h)
 
 
 def overview_routes(site: Site) -> APIRouter:
@@ -183,6 +187,7 @@ def overview_row(zone: ZoneView, ahead: AheadPayload | None, day: Spark | None, 
         too_cold_h=math.nan if day is None else day.too_cold,
         too_warm_h=math.nan if day is None else day.too_warm,
         often=often,
+        often_h=math.nan if day is None else day.often_h,
         to_do=bool(often) or any(for_the_model(status.diagnosis, trusted)),
         spark=day.line if day is not None and drawn else None,
     )

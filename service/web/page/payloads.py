@@ -63,6 +63,7 @@ class OverviewRow:
     often: Literal["", "cold", "warm"] = shown(
         "what it was, too cold or too warm, for more than 5 % of the last 7 days, as in the answers about the room"
     )
+    often_h: Number = shown("the hours of the last 7 days in which it was what `often` says; null until it was read")
     to_do: bool = shown("whether the room's `to_do` is not empty; before the days were read, without what they tell")
     spark: SparkPayload | None = shown("null until it has been read, and in events that bring nothing new of it")
 

@@ -176,11 +176,12 @@ function roomRow(id) {
       shown = row;
       const old = row.state !== "running" && row.sample_time;
       since.replaceChildren(...(old ? [timeNode(Date.parse(row.sample_time))] : []));
-      set(cells.now, { textContent: celsius(row.temperature), title: row.setpoint === null ? "" : t("overview.meant", { setpoint: celsius(row.setpoint) }) });
+      const meant = row.setpoint === null ? [] : [" ", element("span", { className: "meant muted", textContent: t("overview.meant", { setpoint: number(row.setpoint, 1) }) })];
+      cells.now.replaceChildren(celsius(row.temperature), ...meant);
       LEADS.forEach(([name], index) => {
         const one = row.expected[index];
         const title = one ? t("overview.interval", { lead: duration(one.lead_s), low: number(one.lower, 1), high: number(one.upper, 1) }) : "";
-        set(cells[name], { textContent: celsius(one?.mean), title });
+        set(cells[name], { textContent: celsius(one?.mean), title, "data-ahead": t("overview.ahead", { lead: duration(one?.lead_s ?? LEADS[index][1]) }) });
       });
       set(pill, { textContent: stateText(row.state), className: `pill ${row.state}` });
       const trust = outdone(row) ? "partly" : row.trust;

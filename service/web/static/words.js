@@ -54,7 +54,7 @@ export function rowTold(row) {
   if (row.trust_reason && row.trust !== "learning" && !outdone(row)) return said(row.trust_reason);
   if (row.disturbed) return { text: t("finding.disturbed"), lang: "" };
   if (coldBy(row)) return { text: t("finding.cold", { by: number(coldBy(row), 1) }), lang: "" };
-  if (row.often) return { text: t(`finding.too_${row.often}`), lang: "" };
+  if (row.often) return { text: t(`finding.too_${row.often}`, { hours: number(row.often_h) }), lang: "" };
   // At which horizon is told with the trust.
   return { text: t(outdone(row) ? "finding.outdone" : "finding.none"), lang: "" };
 }
@@ -74,11 +74,13 @@ export function doubts({ status, forecast, trust }) {
   const horizons = trust?.horizons ?? [];
   const distrusted = horizons.filter(({ trust: level, reason }) => (level === "doubtful" || level === "untrusted") && !trust.beaten.includes(reason));
   for (const reason of new Set(distrusted.map(({ reason: why }) => why))) {
-    const one = distrusted.find(({ reason: why }) => why === reason);
-    found.push({ text: t("doubt.trust", { lead: duration(one.lead_s), trust: trustText(one.trust) }), own: reason });
+    const alike = distrusted.filter(({ reason: why }) => why === reason);
+    const lead = alike.map(({ lead_s: ahead }) => duration(ahead)).join(", ");
+    found.push({ text: t("doubt.trust", { lead, trust: trustText(alike[0].trust) }), own: reason });
   }
-  if (forecast?.regime === "high") found.push({ text: t("doubt.disturbed", { gate: share(forecast.gate) }) });
-  if (trust?.beaten) found.push({ text: "", own: trust.beaten });
+  if (forecast?.regime === "high" && !trust?.disturbed) found.push({ text: t("doubt.disturbed", { gate: share(forecast.gate) }) });
+  // At which hours to rely on the model is told of its week: not while something disturbs these hours.
+  if (trust?.beaten) found.push({ text: "", own: trust.disturbed ? trust.beaten.split("; ").slice(0, -1).join("; ") : trust.beaten });
   if (horizons.every(({ trust: level }) => level === "learning")) found.push({ text: t("doubt.young", { samples: number(status.samples) }) });
   return found;
 }
@@ -89,7 +91,7 @@ export function trustHead({ status, forecast, trust }, found) {
   const good = leads("trusted");
   if (!found.length) return t("doubt.nothing", { lead: good.at(-1) });
   const doubted = leads("doubtful", "untrusted").join(", ");
-  if (status.reason || forecast?.regime === "high" || (!doubted && !trust?.beaten)) return t("doubt.title");
+  if (status.reason || (forecast?.regime === "high" && !trust?.disturbed) || (!doubted && !trust?.beaten)) return t("doubt.title");
   if (!doubted) return t("doubt.beaten");
   return good.length && !trust.beaten ? t("doubt.good", { doubted, good: good.join(", ") }) : t("doubt.some", { doubted });
 }

@@ -142,6 +142,7 @@ def test_attention_is_needed_where_the_room_itself_names_something_to_do(cold: f
     week = overview.Spark.of(last, series_of(zone, zone.updates[0].time, last + 300, 7 * 48 + 1))
     row = overview.overview_row(zone, None, week)
     assert (row.too_cold_h, row.often, row.to_do) == (pytest.approx(cold, abs=0.5), often, bool(often))
+    assert row.often_h == (row.too_cold_h if often else 0.0)
     assert len(row.spark.values) == 48
     zone.trusted = Trust(START, beaten="1h ahead, no change is the better forecast; rely on the model 6h ahead")
     assert overview.overview_row(zone, None, None).to_do
