@@ -3,6 +3,13 @@
 A model of a building is never true: what tracks best over one step drifts over a day, and what simulates a day best is
 poor over one step. So each member keeps its own settings, and the bank, itself an estimator, learns which of them to
 trust at which horizon (`estimator.bank.weights`) and how wide to make what it publishes (`estimator.bank.coverage`).
+
+Who is best under the heat that followed may be wrong about any other heat. A thermostat heats more while a window is
+open, so in its records much heat does not go with much warmth, and a member that takes all it cannot explain for noise
+of the sensor learns that heating does little: the bias of output-error fits in closed loop (Forssell and Ljung,
+"Closed-loop identification revisited", Automatica 35, 1999). It foresees well what the thermostat will bring about.
+What another heating would do, and what is told of the building, is left to members whose model of the disturbances is
+fit for that (`Member.plans`).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,6 +43,9 @@ _DRAWS = 400
 
 _LOST = 6
 """Samples in a row that a member could not explain, after which it starts its temperatures anew."""
+
+_UNDER_PLANS = 0.2
+"""What of the evidence about members, which is all of the heat that followed, counts under other heat."""
 
 _COMPARED_AHEAD = 6 * HOUR
 """s: where a network shows, long enough for its slow paths and short enough to be learned in days."""
@@ -83,6 +93,10 @@ class Bank:
         self.members = tuple(members.values())
         self.forecast_draws = options.scenarios
         self._voice = self.names.index(options.voice)
+        physical = [member.physical for member in self.members]
+        fit = [has and options.members[name].plans for name, has in zip(self.names, physical, strict=True)]
+        self.plans = np.array(fit if any(fit) else physical)
+        """(E,): whose physics is asked what a plan of heating would do, and is told of the building."""
         self.blocks = self.members[self._voice].blocks
         self._hindsight = Hindsight(self.network, self.members, period)
         self._columns = [self.network.columns(member.network) for member in self.members]
@@ -167,13 +181,13 @@ class Bank:
         )
 
     def parameters(self, state: BankState, levels: Array) -> ParameterSummary:
-        """Quantiles over draws from all physical members, each with the weight that it has a few hours ahead.
+        """Quantiles over draws from all members that `plans` names, each with the weight that it has a few hours ahead.
 
         Of a member with another network than the bank's, only the parameters that both have count. Its time constants
         count if it has as many nodes as the bank's network, for those of more nodes are others; where no member has as
         many, the fastest stand for them. Not a number where no member has physics.
         """
-        if not any(member.physical for member in self.members):
+        if not self.plans.any():
             return self.members[0].parameters(state.members[0], levels)
         drawn, size = list(self._drawn(state)), len(self.network.nodes)
         weights = np.concatenate([each.weights for each in drawn])
@@ -199,16 +213,16 @@ class Bank:
         return np.array([weighted_quantiles(row, weights, levels) for row in rows])
 
     def _drawn(self, state: BankState) -> Iterator[_Drawn]:
-        """Draws from every physical member that counts."""
+        """Draws from every member that `plans` names and that counts."""
         weights = self._weights(state)
         now = weights[:, self.compared]
         told = {self._physical(weights)}
-        knowing = [place for place, member in enumerate(self.members) if member.network.terms]
+        knowing = [place for place in np.flatnonzero(self.plans).tolist() if self.members[place].network.terms]
         if knowing:
             # Whatever it weighs: nobody else tells of sun and habits.
             told.add(max(knowing, key=now.__getitem__))
         for place, (member, own) in enumerate(zip(self.members, state.members, strict=True)):
-            if member.physical and (now[place] >= _NEGLIGIBLE or place in told):
+            if self.plans[place] and (now[place] >= _NEGLIGIBLE or place in told):
                 drawn = member.draws(own, _DRAWS)
                 assert drawn is not None
                 matrices = assemble(member.network, drawn.theta)
@@ -243,7 +257,8 @@ class Bank:
         return self._futures(issue, plan).after(now)
 
     def draws(self, state: BankState, count: int) -> ModelDraws | None:
-        """Those of the physical member that is trusted most a few hours ahead; None where no member has physics."""
+        """Those of the member that `plans` names and that is trusted most a few hours ahead; None where no member has
+        physics."""
         now = self._weights(state)
         best = self._physical(now)
         drawn = self.members[best].draws(state.members[best], count)
@@ -264,9 +279,15 @@ class Bank:
         return state
 
     def answering_plan(self, state: BankState) -> BankState:
-        """`state` as it answers a plan of heating: members without physics count as lost."""
-        physical = np.array([member.physical for member in self.members])
-        return state._replace(lost=np.where(physical, state.lost, np.inf)) if physical.any() else state
+        """`state` as it answers a plan of heating: members that `plans` does not name count as lost, evidence about
+        the others for less, and nothing is told with more certainty than theirs."""
+        if not self.plans.any():
+            return state
+        return state._replace(
+            lost=np.where(self.plans, state.lost, np.inf),
+            costs=state.costs._replace(excess=_UNDER_PLANS * state.costs.excess),
+            widths=state.widths._replace(log_scale=np.maximum(state.widths.log_scale, 0.0)),
+        )
 
     @property
     def regresses(self) -> bool:
@@ -398,9 +419,9 @@ class Bank:
         return state._replace(members=tuple(members), lost=lost)
 
     def _physical(self, now: Array) -> int:
-        """The member with parameters of a building that is trusted most a few hours ahead."""
-        physical = [place for place, member in enumerate(self.members) if member.physical]
-        return max(physical or range(len(self.members)), key=lambda place: now[place, self.compared])
+        """The member that `plans` names and that is trusted most a few hours ahead."""
+        fit = np.flatnonzero(self.plans).tolist()
+        return max(fit or range(len(self.members)), key=lambda place: now[place, self.compared])
 
 
 def _blind(member: Estimator) -> bool:
@@ -411,7 +432,8 @@ def answering_plan(estimator: Estimator, state: Any) -> Any:
     """`state` of `estimator` as `issue` takes it to answer a plan of heating that somebody has chosen.
 
     A regression knows heating by what usually goes with it, so it answers what departs from habit by correlation. Of a
-    bank, only the members with physics answer. Any other estimator has but one answer, and its state stays as it is.
+    bank, only the members that `Bank.plans` names answer. Any other estimator has but one answer, and its state stays
+    as it is.
     """
     return estimator.answering_plan(state) if isinstance(estimator, Bank) else state
 

@@ -26,6 +26,8 @@ class Member(NamedTuple):
     """What it weighs, relative to the others, before it has proved anything, at PRIOR_HOURS."""
     variant: str = "own"
     """Name of its network in the family of the bank's."""
+    plans: bool = True
+    """Whether it tells, if it has physics, what another heating would do; see `estimator.bank.bank`."""
 
 
 def prior_at(prior: Sequence[float], hours: Array) -> Array:
@@ -38,9 +40,10 @@ def prior_at(prior: Sequence[float], hours: Array) -> Array:
 Tables = dict[str, Mapping[str, object]]
 
 DEFAULT_MEMBERS: Tables = {
-    "jump": {"estimator": "mkf", "preset": "jump", "prior": (1.4, 1.0, 0.4, 0.2)},
+    "jump": {"estimator": "mkf", "preset": "jump", "prior": (1.4, 1.0, 0.4, 0.2), "plans": False},
     "drift": {"estimator": "mkf", "preset": "drift", "prior": (3.0, 1.0, 0.2, 0.1)},
-    "habits-slow": {"estimator": "mkf", "preset": "habits-slow", "prior": (0.3, 1.0, 1.0, 1.0)},
+    "habits-slow": {"estimator": "mkf", "preset": "habits-slow", "prior": (0.3, 1.0, 1.0, 1.0), "plans": False},
+    "habits": {"estimator": "mkf", "preset": "habits", "prior": (0.3, 0.3, 0.3, 0.3)},
     "ekf": {"estimator": "ekf", "prior": (0.6, 1.0, 1.0, 1.0)},
     "arx": {"estimator": "arx", "prior": (1.4, 1.0, 1.0, 1.0)},
     "direct": {"estimator": "direct", "prior": (0.5, 2.0, 6.0, 6.0)},
@@ -55,23 +58,23 @@ direct regressions begin with more than all others together: as persistence, for
 
 
 _BARE = "bare"
-_KNOWS_HEAT = "habits-slow"
-"""The member that knows sun and habits, of a network that has terms for them."""
+_KNOW_HEAT = ("habits-slow", "habits")
+"""The members that know sun and habits, of a network that has terms for them."""
 
 
 def default_members(network: Network) -> Tables:
-    """The members of a bank that is told none: DEFAULT_MEMBERS, of which one knows the terms of `network`."""
+    """The members of a bank that is told none: DEFAULT_MEMBERS, of which two know the terms of `network`."""
     if not network.terms:
         return DEFAULT_MEMBERS
     # Hundreds of particles would each learn what a few are enough for.
     return {
-        name: table if name == _KNOWS_HEAT else {**table, "network": _BARE} for name, table in DEFAULT_MEMBERS.items()
+        name: table if name in _KNOW_HEAT else {**table, "network": _BARE} for name, table in DEFAULT_MEMBERS.items()
     }
 
 
 def former_members(network: Network) -> Tables:
     """The members that a bank which is told none had before: a zone with state of them goes on with them."""
-    return {name: table for name, table in default_members(network).items() if name != "blind"}
+    return {name: {**table, "plans": True} for name, table in default_members(network).items() if name != "habits"}
 
 
 @dataclass(frozen=True)
@@ -130,6 +133,7 @@ def member_tables(
             "estimator": member.estimator,
             "network": member.variant,
             "prior": member.prior,
+            "plans": member.plans,
             **written(member.estimator, member.options),
         }
         for name, member in members.items()
@@ -148,13 +152,15 @@ def _member(name: str, table: object, network: Network, period: float, resolve_m
     variant = table.get("network", next(iter(variants)))
     if not isinstance(variant, str) or variant not in variants:
         raise OptionsError(f"members.{name}.network = {variant!r} must be one of {', '.join(variants)}", "members")
-    own = {key: value for key, value in table.items() if key not in ("estimator", "network", "prior")}
-    prior = _prior(name, table.get("prior", 1.0))
+    own = {key: value for key, value in table.items() if key not in ("estimator", "network", "prior", "plans")}
+    prior, plans = _prior(name, table.get("prior", 1.0)), table.get("plans", True)
+    if not isinstance(plans, bool):
+        raise OptionsError(f"members.{name}.plans = {plans!r} must be true or false", "members")
     try:
         resolved = resolve_member(estimator, variants[variant], period, own)
     except OptionsError as error:
         raise OptionsError(f"members.{name}: {error}", "members") from error
-    return Member(estimator, variants[variant], resolved, prior, str(variant))
+    return Member(estimator, variants[variant], resolved, prior, str(variant), plans)
 
 
 def _prior(name: str, given: object) -> tuple[float, ...]:

@@ -39,8 +39,8 @@ def disagreement(bank: Bank, state: Any, levels: Sequence[float]) -> list[Findin
     ends of their intervals. Members with another network than the bank's mean something else and are left out."""
     summaries = {
         member.name: member.estimator.parameters(member.state, np.array(levels))
-        for member in _members(bank, state)
-        if member.estimator.physical and member.estimator.network == bank.network and member.weights.max() >= _COUNTS
+        for member, plans in zip(_members(bank, state), bank.plans, strict=True)
+        if plans and member.estimator.network == bank.network and member.weights.max() >= _COUNTS
     }
     found = []
     for index, parameter in enumerate(bank.network.parameters):

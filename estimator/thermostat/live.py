@@ -2,8 +2,8 @@
 
 Two questions are answered, and each learns from its own verified forecasts.
 
-Under a plan of set-points the physical members simulate, each draw with the law inside. Members weigh what they proved
-to be worth at that question, from a prior by what the bank trusts them with; members without physics have no answer.
+Under a plan of set-points the members that a bank asks about plans simulate, each draw with the law inside. They weigh
+what they proved to be worth at that question, from a prior by what the bank trusts them with.
 
 Without a plan nobody knows what people will set. Several futures are told apart: set-points as in each of GUESSES with
 the law inside, and the heat held, with all members; where no heat obeys a set-point, the heat held or as a day before;
@@ -231,7 +231,8 @@ class LiveForecasts:
         self._to_come = to_come
         bank = estimator if isinstance(estimator, Bank) else None
         members = [estimator] if bank is None else bank.members
-        self._places = [place for place, member in enumerate(members) if member.physical]
+        physical = [member.physical for member in members] if bank is None else bank.plans
+        self._places = np.flatnonzero(physical).tolist()
         self._members = [members[place] for place in self._places]
         self._bank = bank
         self._columns = [estimator.network.columns(member.network) for member in self._members]
@@ -581,12 +582,14 @@ class LiveForecasts:
         return [members[place] for place in self._places]
 
     def _trusted(self, state: Any) -> Array:
-        """(E, H): what the physical members weigh before they proved anything under plans of set-points: what the bank
-        trusts them with under the heat that followed."""
+        """(E, H): what the members weigh before they proved anything under plans of set-points: what the bank trusts
+        them with under plans of heat."""
         if self._bank is None or not self._members:
             return np.ones((len(self._members), len(self.leads)))
-        everyone = np.array(list(self._bank.member_weights(state).values()))[self._places]
-        own = between(everyone, self._bank.leads, np.array(self.leads, dtype=np.float64))
+        everyone = self._bank.member_weights(self._bank.answering_plan(state))
+        own = between(
+            np.array(list(everyone.values()))[self._places], self._bank.leads, np.array(self.leads, dtype=np.float64)
+        )
         return np.maximum(own / own.sum(axis=0), _LEAST_TRUSTED)
 
     def _shares(self, live: Live, state: Any) -> Array:

@@ -73,8 +73,8 @@ class SomeForecaster:
         return state._asdict()
 
 
-def bank_of(members, period=PERIOD, **options):
-    named = {name: Member("mkf", NETWORK, None) for name in members}
+def bank_of(members, period=PERIOD, without_plans=(), **options):
+    named = {name: Member("mkf", NETWORK, None, plans=name not in without_plans) for name in members}
     return Bank(NETWORK, period, BankOptions(members=named, voice=next(iter(members)), **options), members)
 
 
@@ -206,10 +206,11 @@ def test_a_member_that_is_lost_before_the_first_forecast_is_issued_is_started_an
     assert bank.update(bank.predict(after, np.array([5.0, 300.0])), np.array([20.0])).state.members[1].restarts == 4
 
 
-def test_a_plan_of_heating_is_answered_by_members_with_physics():
-    members = {"physical": SomeForecaster(0.0, 1.0, NOISE), "blind": SomeForecaster(0.0, -1.0, NOISE)}
+def test_a_plan_of_heating_is_answered_by_members_with_physics_that_are_fit_for_it():
+    biases = {"physical": 1.0, "blind": -1.0, "output-error": -2.0}
+    members = {name: SomeForecaster(0.0, bias, NOISE) for name, bias in biases.items()}
     members["blind"].physical = False
-    bank = bank_of(members)
+    bank = bank_of(members, without_plans=["output-error"])
     plan = np.tile([5.0, 300.0], (48, 1))
     # From a start on which the members agree, so that nobody is held back by the middle.
     state, _, _ = played(bank, samples(60))
@@ -221,6 +222,57 @@ def test_a_plan_of_heating_is_answered_by_members_with_physics():
     assert state.lost.sum() == 0.0, "asking changes nothing"
     alone = members["physical"].start(1, np.array([20.0]), plan[0])
     assert answering_plan(members["physical"], alone) is alone
+    # Somebody has to answer.
+    bank = bank_of({name: members[name] for name in ("blind", "output-error")}, without_plans=["output-error"])
+    state, _, _ = played(bank, samples(60))
+    assert bank.unfold(answering_plan(bank, state), plan).moments()[0][-1, 0] == pytest.approx(18.0)
+
+
+def test_what_another_heating_would_do_is_right_although_a_thermostat_made_the_records():
+    """Two rooms keep the same hours, and windows that nobody measures make the thermostat heat more."""
+    rng, period, days = np.random.default_rng(1), 900.0, 10
+    network = automatic(("T_i", "T_out", "u_heat", "T_adj_next"))
+    members = {name: {"estimator": "mkf", "preset": name} for name in ("habits-slow", "habits")}
+    members["habits-slow"]["plans"] = False
+    bank = build("bank", network, period, {"members": members})
+
+    def moved(air, wall, heat, outdoor, beside, window):
+        to_wall = 280.0 * (air - wall)
+        gained = heat - to_wall + 25.0 * (beside - air) - window * (air - outdoor)
+        return air + period / 1.2e6 * gained, wall + period / 1e7 * (to_wall - 50.0 * (wall - outdoor))
+
+    air, wall, beside, integral, state = 20.0, 18.0, 20.0, 300.0, None
+    windows = 40.0 * (rng.random((2, days, 24)) < 0.2)
+    for k in range(96 * days):
+        hour, outdoor = k / 4 % 24, 3.0 + 4.0 * np.sin(k / 70.0)
+        wanted = 21.0 if 6 <= hour < 22 else 18.0
+        window, window_beside = windows[:, k // 96, int(hour)]
+        integral = np.clip(integral + 60.0 * (wanted - air), 0.0, 1500.0)
+        heat = np.clip(900.0 * (wanted - air) + integral, 0.0, 1800.0)
+        row, measured = np.array([outdoor, beside, heat]), np.array([air + 0.03 * rng.standard_normal()])
+        state = bank.start(1, measured, row) if state is None else bank.update(state, measured).state
+        state = bank.predict(state, row)
+        air, wall = moved(air, wall, heat, outdoor, beside, window)
+        beside += period / 3600.0 * (wanted - 0.02 * window_beside - beside)
+
+    def response(forecast):
+        return forecast(1800.0) - forecast(0.0)
+
+    def truth(heat):
+        room = air, wall
+        for _ in range(12):
+            room = moved(*room, heat, 3.0, 18.0, 0.0)
+        return room[0]
+
+    def foreseen(asked):
+        plan = np.tile([3.0, 18.0, 0.0], (12, 1))
+        return lambda heat: bank.unfold(asked, plan + [0.0, 0.0, heat]).moments()[0][-1, 0]
+
+    told = response(foreseen(answering_plan(bank, state)))
+    assert told == pytest.approx(response(truth), rel=0.2)
+    only = bank.plans.copy()
+    bank.plans = ~only
+    assert response(foreseen(answering_plan(bank, state))) < 0.5 * told
 
 
 def test_a_wild_member_does_not_spoil_the_first_forecasts_and_is_heard_once_it_has_proved_itself():
