@@ -266,7 +266,7 @@ def test_what_another_heating_would_do_is_right_although_a_thermostat_made_the_r
 
     def foreseen(asked):
         plan = np.tile([3.0, 18.0, 0.0], (12, 1))
-        return lambda heat: bank.unfold(asked, plan + [0.0, 0.0, heat]).moments()[0][-1, 0]
+        return lambda heat: bank.unfold(asked, plan + np.array([0.0, 0.0, heat])).moments()[0][-1, 0]
 
     told = response(foreseen(answering_plan(bank, state)))
     assert told == pytest.approx(response(truth), rel=0.2)
