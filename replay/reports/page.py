@@ -50,10 +50,9 @@ def _in_a_sentence(trace: Trace) -> str:
 
 
 def _answers(room: Room) -> tuple[str, ...]:
-    """The verdict, what to do, and the other answers."""
+    """The verdict, and what to do."""
     to_do = tuple(f"{place}. {one.what}: {one.why}." for place, one in enumerate(room.to_do, start=1))
-    verdict, *others = (f"{one.sentence}." for one in room.answers)
-    return (verdict, *(("What to do:", *to_do) if to_do else ("Nothing is to be done.",)), *others)
+    return (f"{room.answers[0].sentence}.", *(("What to do:", *to_do) if to_do else ("Nothing is to be done.",)))
 
 
 def _trusted(trust: Trust) -> str:
@@ -83,7 +82,8 @@ def _zone(document: Document, trace: Trace, named: bool) -> Iterator[Section]:
     if room is not None:
         warmed = max(np.nanmax(room.sun), np.nanmax(room.people)) > 0.0
         answers = PARTED.join(_answers(room))
-        yield section("How is this room?", plots.heat(trace, room) if warmed else None, answers=answers)
+        drawn = plots.heat(trace, room) if warmed else None
+        yield section("How is this room?", tables.answers(room), drawn, answers=answers)
     yield section(
         "Forecasts",
         tables.skill([trace]),

@@ -10,9 +10,20 @@ from replay.localtime import HOUR
 from replay.recorded.trace import LEVELS, Trace
 from replay.reports.kit.table import Cell, Table, shown
 from service.cli.tables import aligned
-from service.forecast.answers import Range
+from service.forecast.answers import Range, Room
 from service.records.skill import HorizonSkill
 
+_ABOUT = {
+    "heat_loss": "heat loss",
+    "cooling": "cooling down",
+    "heating": "full heating",
+    "warming_up": "warming up",
+    "other_heat": "other heat",
+    "energy": "energy",
+    "saving": "1 K less",
+    "window": "open window",
+    "last_day": "forecasts of the last day",
+}
 SKILL = "What the forecasts were worth"
 _HEADER = ("zone", "ahead", "forecasts", "coverage", "width [K]", "RMSE [K]", "against persistence", "against ARX")
 
@@ -94,6 +105,12 @@ def to_do(traces: Sequence[Trace]) -> Table:
     rooms = ((trace.zone, trace.room) for trace in worst_first(traces) if trace.room is not None)
     rows = tuple((zone, one.what, one.why) for zone, room in rooms for one in room.to_do)
     return Table("to-do", ("zone", "what", "why"), rows)
+
+
+def answers(room: Room) -> Table:
+    """What the room is like, each answer with what it is about."""
+    rows = tuple((_ABOUT[one.about], f"{one.sentence}.") for one in room.answers[1:])
+    return Table("answers", ("about", "answer"), rows)
 
 
 def laws(trace: Trace) -> Table:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 
 import numpy as np
+import numpy.typing as npt
 
 from adapters.timestamps import time_zone
 from estimator.arrays import Array
@@ -70,6 +71,13 @@ def often_lost(gain: Array) -> bool:
     return bool((gain[:, 2] < 0.0).mean() > _OFTEN)
 
 
+def likely_lost(gain: Array) -> npt.NDArray[np.bool_]:
+    """(K,): where heat that nobody measures, `gain` (K, 3) [W], was likely lost, and none came."""
+    with np.errstate(invalid="ignore"):
+        lost: npt.NDArray[np.bool_] = (gain[:, 1] < 0.0) & (gain[:, 2] <= 0.0)
+    return lost
+
+
 def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Iterator[RoomAnswer]:
     """The heat that was lost, and that nobody measures, as through an open window.
 
@@ -80,7 +88,7 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Itera
     if not np.isfinite(gain).any():
         return
     with np.errstate(invalid="ignore"):
-        lost, likely_lost = gain[:, 2] < 0.0, (gain[:, 1] < 0.0) & (gain[:, 2] <= 0.0)
+        lost, likely = gain[:, 2] < 0.0, likely_lost(gain)
     if often_lost(gain):
         sentence = (
             "What an open window took away is not known, for heat that nobody measures comes and goes "
@@ -88,16 +96,16 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Itera
         )
         yield RoomAnswer("window", sentence, "kWh")
         return
-    follows = np.concatenate([[False], likely_lost[1:] & likely_lost[:-1] & (np.diff(times) < 1.5 * step)])
-    number = np.cumsum(likely_lost & ~follows)
-    lost = likely_lost & np.isin(number, number[lost])
+    follows = np.concatenate([[False], likely[1:] & likely[:-1] & (np.diff(times) < 1.5 * step)])
+    number = np.cumsum(likely & ~follows)
+    lost = likely & np.isin(number, number[lost])
     # .975, .5 and .025 quantile of the gain: the least, the likely and the most that was lost.
     energy = np.where(lost[:, None], -gain[:, ::-1], 0.0) * step / _KWH
-    low, likely, high = energy.sum(axis=0).tolist()
+    low, most_likely, high = energy.sum(axis=0).tolist()
     days = len(times) * step / _DAY
-    if likely < _NOTED:
+    if most_likely < _NOTED:
         sentence = f"No open window was noticed in {days:.1f} days"
-        yield RoomAnswer("window", sentence, "kWh", likely, low, high)
+        yield RoomAnswer("window", sentence, "kWh", most_likely, low, high)
         return
     each = np.bincount(number, energy[:, 1])
     most = int(np.argmax(each))
@@ -107,11 +115,11 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Itera
     begin, end = (datetime.fromtimestamp(when, local) for when in (inside[0], inside[-1] + step))
     until = f"{end:%H:%M}" if begin.date() == end.date() else f"{end:%Y-%m-%d %H:%M}"
     sentence = (
-        f"An open window, or something else that nobody measures, took away about {_energy(likely)} kWh in "
+        f"An open window, or something else that nobody measures, took away about {_energy(most_likely)} kWh in "
         f"{days:.1f} days; 95 % between {_energy(low)} and {_energy(high)} kWh; "
         f"{part} of it from {begin:%Y-%m-%d %H:%M} to {until}"
     )
-    yield RoomAnswer("window", sentence, "kWh", likely, low, high)
+    yield RoomAnswer("window", sentence, "kWh", most_likely, low, high)
 
 
 def _energy(kwh: float) -> str:

@@ -26,7 +26,7 @@ from estimator.network.network import Network
 from estimator.network.presets import NEIGHBOUR
 from service.forecast.answers import Room, RoomAnswer, ToDo
 from service.forecast.heating import COLD
-from service.forecast.looking_back import last_day, lost_heat, often_lost, warming_up
+from service.forecast.looking_back import last_day, likely_lost, lost_heat, often_lost, warming_up
 from service.forecast.shares import Shares
 from service.records.outlook import Weather
 from service.records.series import GAIN, Series
@@ -440,7 +440,10 @@ def for_the_model(diagnosis: Diagnosis, trust: Trust) -> Iterator[ToDo]:
 
 def _against_cold(comfort: Comfort, past: Past, warming: float, heated: float) -> tuple[str, str]:
     reason = f"it was too cold for {float(comfort.cold.sum()) * comfort.hours:.0f} h"
-    if comfort.share(comfort.cold & ~_after_a_rise(past)) <= RARE / 2.0:
+    lost = likely_lost(past.gain) & (not often_lost(past.gain))
+    if comfort.share(comfort.cold & lost) > comfort.share(comfort.cold) / 2.0:
+        return "keep the windows shut while it is heated", f"{reason}; mostly while heat was lost that nobody measures"
+    if comfort.share(comfort.cold & ~lost & ~_after_a_rise(past)) <= RARE / 2.0:
         earlier = f"{warming:.1f} h earlier" if warming > 0.0 else "earlier"
         return f"start heating {earlier}", f"{reason} after a setback"
     if heated > _FULL:

@@ -58,7 +58,8 @@ def test_axe_finds_nothing(visit: Any, house: Building, screen: str) -> None:
 
 def test_a_room_opens_with_answers_and_what_to_do(visit: Any, house: Building) -> None:
     page = opened(visit, house, "cellar").page
-    page.wait_for_selector("text=It loses 113 W for each K that it is warmer than outside.")
+    page.wait_for_selector("text=It loses 113 W for each K that it is warmer than outside")
+    assert page.locator(".sentences strong").first.inner_text() == "Heat loss", "what a reader looks for"
     assert page.locator(".answers ol li").inner_text() == (
         "Shade the windows or air – it was too warm for 3 h without much heating"
     )

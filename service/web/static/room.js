@@ -31,13 +31,13 @@ export function roomCard(id, failed) {
 
 function told(room) {
   const list = room.to_do.map(({ what, why }) => element("li", {}, element("strong", {}, saidNode(capital(what))), " – ", saidNode(why)));
-  const [verdict, ...others] = room.answers.map(({ sentence }) => [saidNode(sentence), "."]);
+  const [verdict, ...others] = room.answers;
   return [
-    element("p", {}, ...verdict),
+    element("p", {}, saidNode(verdict.sentence), "."),
     element("h3", { textContent: t("room.to_do") }),
     list.length ? element("ol", { className: "findings" }, ...list) : element("p", { className: "muted", textContent: t("room.nothing") }),
     element("h3", { textContent: t("room.about") }),
-    element("ul", { className: "sentences" }, ...others.map((parts) => element("li", {}, ...parts))),
+    element("ul", { className: "sentences" }, ...others.map(({ about, sentence }) => element("li", {}, element("strong", { textContent: t(`about.${about}`) }), " – ", saidNode(sentence), "."))),
     ...profile(room),
   ];
 }

@@ -140,7 +140,7 @@ def test_the_page_is_whole_and_loads_nothing(replayed, tmp_path):
     page = Page((tmp_path / "report.html").read_text())
     assert page.loads == []
     assert page.headings == [
-        *("How is this room?", "Heat besides the heating, by the hour of the day"),
+        *("How is this room?", "What it is like", "Heat besides the heating, by the hour of the day"),
         *("Forecasts", "What the forecasts were worth"),
         "The record, and the band that was published before each measurement",
         "A day ahead: forecasts issued at midnight, and what came",
@@ -210,7 +210,10 @@ def test_a_report_in_german_leaves_no_sentence_in_english(replayed, tmp_path, ca
 def test_a_report_leads_with_the_room_that_needs_most(replayed):
     (trace,) = replayed[1]
     fine = trace._replace(zone="fine", room=replace(trace.room, to_do=()))
-    assert [sentence.split("`")[1] for sentence in report("site", [fine, trace]).lead] == [ZONE, "fine"]
+    made = report("site", [fine, trace])
+    assert [sentence.split("`")[1] for sentence in made.lead] == [ZONE, "fine"]
+    (table,) = made.sections[1].tables
+    assert [row[1] for row in table.rows] == [f"{one.sentence}." for one in fine.room.answers[1:]]
 
 
 def test_every_time_is_that_of_the_site(replayed, tmp_path):

@@ -231,9 +231,17 @@ def cold_all_day(power):
     return PAST._replace(setpoint=steady, temperature=steady - 2.0, inputs=inputs)
 
 
+def airing():
+    """The house too cold for 10 h, at full heating, while a window is open, and for 3 h afterwards."""
+    past, place = cold_all_day(6000.0), np.arange(len(TIMES))
+    cold, opened = (place >= 100) & (place < 126), (place >= 100) & (place < 120)
+    return past._replace(temperature=21.0 - 2.0 * cold, gain=np.outer(opened, [-900.0, -500.0, -100.0]))
+
+
 @pytest.mark.parametrize(
     ("past", "what"),
     [
+        (airing(), "keep the windows shut"),
         (PAST, "start heating 1.5 h earlier"),
         (cold_all_day(6000.0), "have the heating looked at"),
         (cold_all_day(100.0), "look for what keeps the heating from following"),
