@@ -42,7 +42,7 @@ def write_model(path: Path, session: Session, faults: Mapping[Fault, int]) -> No
     assert worker is not None, "a model has learned something before anybody can save it"
     meta = {
         "kind": _KIND,
-        "network": asdict(settings.network),
+        "network": asdict(settings.zone.network),
         "settings": {**settings.given, "estimator": settings.zone.estimator},
         "tz": settings.tz,
         "other_columns": settings.other_columns,

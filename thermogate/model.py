@@ -50,7 +50,6 @@ from thermogate.heating import BOUNDS_95, comparison_table, demand_table, demand
 from thermogate.learning import learn
 from thermogate.plans import planned_inputs, planned_price, planned_setpoints, steps_in
 from thermogate.session import ALPHA, BOUNDS, OUTCOMES, REGIMES, Session
-from thermogate.settings import Settings
 
 QUANTILES = (0.025, 0.5, 0.975)
 
@@ -59,13 +58,13 @@ class Model:
     """A fitted model. `fit` and `load` make it."""
 
     def __init__(self, session: Session, faults: Counter[Fault] | None = None) -> None:
-        self._session = session
+        self._session, self._settings = session, session.settings
         self._faults: Counter[Fault] = faults or Counter()
 
     @property
     def network(self) -> Network:
         """The thermal network, with its parameters and their bounds."""
-        return self._settings.network
+        return self._settings.zone.network
 
     @property
     def estimator(self) -> str:
@@ -457,10 +456,6 @@ class Model:
             f"<pre>{escape(repr(self))}</pre><ul>{''.join(f'<li>{sentence}</li>' for sentence in told)}</ul>"
             f"{skill.to_html(float_format='{:.3g}'.format)}"
         )
-
-    @property
-    def _settings(self) -> Settings:
-        return self._session.settings
 
     def _asked(self, plan: Any, horizon: str | float | timedelta, levels: Sequence[float], scenarios: int = 0) -> Fan:
         """The forecast under `plan`; DataError where there is none."""

@@ -37,7 +37,7 @@ def planned_inputs(plan: object, settings: Settings, begin: float, steps: int) -
         for channel, edge in _meant(name, settings):
             values = _in_unit(_values(name, given, settings, grid), edge)
             try:
-                check(values, channel, settings.network, limits, grid)
+                check(values, channel, settings.zone.network, limits, grid)
             except PlanError as error:
                 raise DataError(f"the plan's {shown(name)} {error}") from None
             found[channel] = values
@@ -102,7 +102,7 @@ def _meant(name: str, settings: Settings) -> list[tuple[str, Edge]]:
     found = []
     for channel, edge in names[name]:
         if edge is None:
-            unit = settings.network.channel_unit(channel)
+            unit = settings.zone.network.channel_unit(channel)
             raise DataError(f"the plan has {shown(name)}, which counts energy; plan {channel} in {unit} instead")
         found.append((channel, edge))
     return found

@@ -40,22 +40,17 @@ class Settings(NamedTuple):
     """Columns of the first table that the model does not use."""
 
     @property
-    def network(self) -> Network:
-        """The zone's network."""
-        return self.zone.network
-
-    @property
     def columns(self) -> list[Column]:
         """What is read from a table: the channels of the network, and the set-point where there is one."""
         return [
-            Column(SET_POINTS if name == SETPOINT else name, f"{ZONE}/{name}", table, unit_of(self.network, name))
+            Column(SET_POINTS if name == SETPOINT else name, f"{ZONE}/{name}", table, unit_of(self.zone.network, name))
             for name, table in self.zone.delivered.items()
         ]
 
     @property
     def plannable(self) -> list[Column]:
         """Those of `columns` that a plan may name."""
-        return [column for column in self.columns if column.name in (*self.network.inputs, SET_POINTS)]
+        return [column for column in self.columns if column.name in (*self.zone.network.inputs, SET_POINTS)]
 
 
 def settings_for(

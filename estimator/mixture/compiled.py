@@ -51,9 +51,9 @@ class CompiledMixture(ReferenceMixture):
         scenarios.sample(self._shape, particles.mean, particles.covariance, index, normals, out)
         return out
 
-    def paths(self, start: Scenarios, plan: Array, seed: int, origin: int) -> Array:
+    def paths(self, start: Scenarios, plan: Array) -> Array:
         """Temperatures (h, n_y, K) of the measured nodes after each row of `plan` (h, n_u + m)."""
-        draws = Draws(seed, origin, forecast=True)
+        draws = Draws(int(start.seed), int(start.step), forecast=True)
         out = np.empty((len(plan), self._model.outputs, start.state.shape[1]))
         scenarios.paths(
             self._size, self._model.topology, self._shape, self._settings, draws.seed, draws.step,

@@ -91,23 +91,6 @@ class MKFState(NamedTuple):
         return self._replace(**particles._asdict())
 
 
-class MKFIssue(NamedTuple):
-    """What a forecast of the filter needs: where its draws stand, and K starts (`Scenarios`)."""
-
-    seed: Array
-    step: Array
-    state: Array
-    """(n_z, K)."""
-    log_alpha: Array
-    """(B, K)."""
-    log_noise: Array
-    """(n_y, K)."""
-    gain_on: Array
-    """(G, K)."""
-    log_hours: Array
-    """(G, K)."""
-
-
 class MKF(OneState):
     """The filter of one zone. See `estimator.types.Estimator` for the methods.
 
@@ -129,9 +112,9 @@ class MKF(OneState):
         self._moves: CompiledMixture | ReferenceMixture = moves(self._model)
 
     @property
-    def issue_type(self) -> type[MKFIssue]:
+    def issue_type(self) -> type[Scenarios]:
         """Starts of sampled futures."""
-        return MKFIssue
+        return Scenarios
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> MKFState:
         """Particles from the prior at the first sample: its outputs (n_y,) and inputs (n_u,).
@@ -211,21 +194,23 @@ class MKF(OneState):
         has its own parameters, temperatures and gain, and its own process noise, volatility and switching. A
         stochastic controller plans over them. Asking changes nothing in what the filter will draw.
         """
-        start = self._scenario_starts(state, count)
-        later = self._moves.paths(start, plan, int(state.seed), int(state.step))
+        start = self.issue(state, count)
+        later = self._moves.paths(start, plan)
         return np.concatenate([start.state[None, self._model.topology.measured], later]).transpose(2, 0, 1)
 
-    def issue(self, state: MKFState, count: int) -> MKFIssue:
+    def issue(self, state: MKFState, count: int) -> Scenarios:
         """Starts of `count` sampled futures from `state`."""
-        return MKFIssue(state.seed, state.step, *self._scenario_starts(state, count))
+        # Streams of their own: asking for a forecast changes nothing in what the filter will draw.
+        draws = Draws(int(state.seed), int(state.step), forecast=True)
+        index, z = self._sample(state, draws, count)
+        chosen = (np.take(rows, index, axis=1) for rows in state.particles()[2:])
+        return Scenarios(state.seed, state.step, z, *chosen)
 
-    def unfold(self, issue: MKFIssue, plan: Array) -> Mixtures:
+    def unfold(self, issue: Scenarios, plan: Array) -> Mixtures:
         """What the issue forecasts, at its state's time and then after each row of `plan` (h, n_u)."""
-        start = Scenarios(*issue[2:])
-        count = start.state.shape[1]
-        later = self._moves.paths(start, plan, int(issue.seed), int(issue.step))
-        means = np.concatenate([start.state[None, self._model.topology.measured], later])
-        sds = np.tile(np.exp(start.log_noise), (len(means), 1, 1))
+        count = issue.state.shape[1]
+        means = np.concatenate([issue.state[None, self._model.topology.measured], self._moves.paths(issue, plan)])
+        sds = np.tile(np.exp(issue.log_noise), (len(means), 1, 1))
         return Mixtures(np.broadcast_to(1.0 / count, (len(means), count)), means, sds)
 
     def draws(self, state: MKFState, count: int) -> ModelDraws:
@@ -235,7 +220,7 @@ class MKF(OneState):
         watts = np.concatenate([np.ones(model.states), np.full(model.gains, WATTS)])
         weights, covariances = np.exp(state.log_weights), unpack(state.covariance)[:, :rows, :rows]
         mean, covariance = mixture_moments(weights, state.mean[:rows], covariances)
-        start = self._scenario_starts(state, count)
+        start = self.issue(state, count)
         alpha, variance = np.exp(start.log_alpha), np.full((rows, count), options.process_sd**2)
         if options.volatility == "process":
             variance[: model.states] *= alpha[model.block] ** 2
@@ -305,17 +290,11 @@ class MKF(OneState):
         normals = draws.normals(Purpose.MIXTURE_SAMPLE, (self._model.size, count))
         return index, self._moves.sample(state.particles(), index, normals)
 
-    def _scenario_starts(self, state: MKFState, count: int) -> Scenarios:
-        # Streams of their own: asking for a forecast changes nothing in what the filter will draw.
-        draws = Draws(int(state.seed), int(state.step), forecast=True)
-        index, z = self._sample(state, draws, count)
-        return Scenarios(z, *(np.take(rows, index, axis=1) for rows in state.particles()[2:]))
-
     def _learn(self, state: MKFState, weighted: Weighted) -> Posterior:
         """Gate and resampling with the new weights."""
         summary = self._summary(state, weighted.weights)
         gates = [
-            learning_gate(counts, median, self._model.volatility)
+            learning_gate(counts, median, self.options)
             for counts, median in zip(state.histogram, np.log(summary.alpha_quantiles[:, 1]), strict=True)
         ]
         gate = min((block.gate for block in gates), default=1.0)
@@ -358,7 +337,7 @@ class MKF(OneState):
         weights = np.exp(state.log_weights)
         summary = self._summary(state, weights)
         counted = [
-            learning_gate(counts, median, self._model.volatility).cdf
+            learning_gate(counts, median, self.options).cdf
             for counts, median in zip(state.histogram, np.log(summary.alpha_quantiles[:, 1]), strict=True)
         ]
         return summary._replace(
@@ -414,7 +393,7 @@ class MKF(OneState):
         return WATTS * quantiles, on
 
     def _regime(self, cdf: list[float]) -> str | None:
-        return regime(max(cdf), self._model.volatility) if cdf else None
+        return regime(max(cdf), self.options) if cdf else None
 
 
 def _between(place: Array, bounds: tuple[float, float]) -> Array:

@@ -15,7 +15,7 @@ from estimator.mixture.options import LEARNED, MKFOptions
 from estimator.network.assembly import Topology, topology
 from estimator.network.network import Network
 from estimator.network.space import ParameterSpace, parameter_space
-from estimator.particle.options import ALL_NODES, Options
+from estimator.particle.options import ALL_NODES
 
 WATTS = 1000.0
 """Watts in the unit of q."""
@@ -56,8 +56,11 @@ class Walk(NamedTuple):
 
 
 class Scenarios(NamedTuple):
-    """K sampled starts of a forecast."""
+    """K sampled starts of a forecast, and where the draws of the filter stand."""
 
+    seed: Array
+    step: Array
+    """(): as in the filter's state."""
     state: Array
     """(n_z, K): draws of z."""
     log_alpha: Array
@@ -99,17 +102,6 @@ class MixtureModel:
         """(m + d,): bounds of c and phi."""
         self.outputs = len(network.measured)
         self.learns_noise = options.measurement_sd == LEARNED
-        # Volatility and gate are those of the particle filter, whose functions take its options.
-        self.volatility = Options(
-            alpha_min=options.alpha_min,
-            alpha_max=options.alpha_max,
-            volatility_sd=options.volatility_sd,
-            jump_probability=options.jump_probability,
-            jump_sd=options.jump_sd,
-            gate_low=options.gate_low,
-            gate_high=options.gate_high,
-            gate_min=options.gate_min,
-        )
 
     @property
     def samples_nothing(self) -> bool:

@@ -12,10 +12,8 @@ from math import sqrt
 from estimator.errors import OptionsError
 from estimator.network.network import Network
 from estimator.option_checks import (
-    blocks,
     check_known,
     check_order,
-    check_start,
     checked_choice,
     checked_number,
     checked_preset,
@@ -26,6 +24,7 @@ from estimator.option_checks import (
     option,
     whole,
 )
+from estimator.particle.options import VolatilityOptions
 
 LEARNED = "learned"
 
@@ -39,29 +38,16 @@ def _checked_measurement_sd(name: str, value: object, network: Network) -> objec
 
 
 @dataclass(frozen=True)
-class MKFOptions:
-    """Everything the filter can be told. Standard deviations of a process are per sampling step."""
+class MKFOptions(VolatilityOptions):
+    """Everything the filter can be told. Process noise is times alpha with `volatility = "process"`."""
 
     preset: str = option("default", lambda name, value, _: checked_choice(name, value, PRESETS))
     particles: int = whole(256, 8, 100_000)
     start_share: float = number(0.5, 0, 1)
     """Standard deviation of each particle's first Gaussian over phi, as a share of the prior's; centres have the rest.
     Few particles need much of it, for else it is chance where they begin."""
-    process_sd: float = number(0.01, 1e-9, 100)
-    """Process noise of every state [K per step]; times alpha with `volatility = "process"`."""
     volatility: str = choice("process", "process", "gain", "none")
     """What alpha multiplies: "process" noise, the "gain"'s random walk, or nothing: "none"."""
-    alpha_initial_sd: float = number(2.0, 0, 10)
-    """log alpha_0 ~ N(0, alpha_initial_sd^2)."""
-    alpha_min: float = number(0.01, 1e-9, 1e6)
-    alpha_max: float = number(25.0, 1e-9, 1e6)
-    volatility_sd: float = number(0.1, 0, 10)
-    """sigma_eta of the log-random walk of alpha [per step]."""
-    jump_probability: float = number(0.02, 0, 1)
-    """Probability per step that log alpha also jumps by N(0, jump_sd^2)."""
-    jump_sd: float = number(1.5, 0, 10)
-    volatility_blocks: Mapping[str, tuple[str, ...]] | None = blocks()
-    """Block name to state nodes; every block has its own alpha. None: one block of all states."""
     gain: str = choice("switching", "none", "switching", "always")
     """Unmeasured heat into the first measured node: "none", "switching" on and off, or "always" on."""
     gain_walk_sd: float = number(0.05, 0, 1000)
@@ -87,17 +73,8 @@ class MKFOptions:
     """Random walk of log sigma_y and of the log of the gain's time constant [per step]."""
     parameter_sd: float = number(0.001, 0, 1)
     """Random walk of every free log parameter [per step], times the learning gate."""
-    gate_low: float = number(0.40, 0, 1)
-    gate_high: float = number(0.95, 0, 1)
-    gate_min: float = number(0.05, 0, 1)
-    histogram_bins: int = whole(30, 2, 10_000)
-    histogram_pseudo_count: float = number(1.0, 1e-9, 1e6)
-    resample_below: float = number(0.5, 0, 1)
-    """Resample when N_eff falls below this share of N."""
     scenarios: int = whole(1000, 8, 100_000)
     """Sampled futures that a forecast is made of at most."""
-    implementation: str = choice("compiled", "compiled", "reference")
-    """"compiled" (Numba) or "reference" (NumPy, reads like the textbook)."""
 
 
 _REFERENCE_PERIOD = 600.0
@@ -171,7 +148,7 @@ def resolve(network: Network, period: float, given: Mapping[str, object]) -> MKF
     known = {each.name: each.default for each in fields(MKFOptions)}
     check_known(given, known, "mkf")
     effective = _scaled(known | dict(PRESETS[checked_preset(given, PRESETS)]), period) | dict(given)
-    return _consistent(in_force(MKFOptions, network, effective))
+    return _consistent(in_force(MKFOptions, network, effective).checked())
 
 
 def _scaled(options: dict[str, object], period: float) -> dict[str, object]:
@@ -183,11 +160,9 @@ def _scaled(options: dict[str, object], period: float) -> dict[str, object]:
 
 
 def _consistent(options: MKFOptions) -> MKFOptions:
-    check_order(options, ("alpha_min", "alpha_max"), ("measurement_sd_min", "measurement_sd_max"))
-    check_order(options, ("gate_low", "gate_high"))
+    check_order(options, ("measurement_sd_min", "measurement_sd_max"))
     # What is the same in every particle has bounds that are the same.
     check_order(options, ("gain_sd_min", "gain_sd_max"), ("gain_hours_min", "gain_hours_max"), equal=True)
-    check_start(options)
     if options.volatility == "gain" and options.gain == "none":
         raise OptionsError(
             'volatility = "gain" needs a gain; choose gain = "switching" or "always"', "volatility", "gain"

@@ -90,8 +90,8 @@ class ReferenceMixture:
         z[bounded:] = np.clip(z[bounded:], self._model.lower[:, None], self._model.upper[:, None])
         return z
 
-    def paths(self, start: Scenarios, plan: Array, seed: int, origin: int) -> Array:
-        """Temperatures (h, n_y, K) of the measured nodes after each row of `plan` (h, n_u + m); `origin` is k now."""
+    def paths(self, start: Scenarios, plan: Array) -> Array:
+        """Temperatures (h, n_y, K) of the measured nodes after each row of `plan` (h, n_u + m)."""
         model, options = self._model, self._model.options
         count, blocks = start.state.shape[1], len(model.blocks)
         phi, gain_at = start.state[model.size - model.free :], model.states
@@ -105,14 +105,14 @@ class ReferenceMixture:
         log_alpha, on = start.log_alpha, start.gain_on
         temperatures = np.empty((len(plan), model.outputs, count))
         for ahead, inputs in enumerate(plan):
-            draws = Draws(seed, origin + ahead + 1, forecast=True)
+            draws = Draws(int(start.seed), int(start.step) + ahead + 1, forecast=True)
             rows, uniform_rows = model.scenario_shapes
             normals = draws.normals(Purpose.SCENARIO, (rows, count))
             uniforms = draws.uniforms(Purpose.SCENARIO_SWITCH, (uniform_rows, count))
             sizes, jumps, news, walks = np.split(
                 normals[model.states :], np.cumsum([blocks, blocks, model.gains]).tolist()
             )
-            log_alpha = walked_volatility(log_alpha, sizes, jumps, uniforms[:blocks], model.volatility)
+            log_alpha = walked_volatility(log_alpha, sizes, jumps, uniforms[:blocks], model.options)
             alpha = np.exp(log_alpha)
             on, new, spread = self._switches(on, uniforms[blocks:], model.on_probability)
             q = np.where(new, spread * news, q) * on
@@ -135,7 +135,7 @@ class ReferenceMixture:
         sizes, jumps, noise, hours = np.split(walk.normals, np.cumsum([blocks, blocks, model.outputs]).tolist())
         moved = particles.log_noise + options.hyper_walk_sd * noise * model.learns_noise
         return particles._replace(
-            log_alpha=walked_volatility(particles.log_alpha, sizes, jumps, walk.uniforms[:blocks], model.volatility),
+            log_alpha=walked_volatility(particles.log_alpha, sizes, jumps, walk.uniforms[:blocks], model.options),
             log_noise=np.clip(moved, *model.noise_bounds),
             log_hours=np.clip(particles.log_hours + options.hyper_walk_sd * hours, *model.hour_bounds),
         )

@@ -10,7 +10,7 @@ from estimator.network.space import ParameterSpace
 from estimator.particle import kernels
 from estimator.particle.kalman import Assimilated
 from estimator.particle.liu_west import Kernel
-from estimator.particle.options import Options
+from estimator.particle.options import VolatilityOptions
 from estimator.particle.reference import ReferenceSteps
 
 
@@ -26,7 +26,7 @@ class CompiledSteps(ReferenceSteps):
         self._topology = topology(network)
         self._where = kernels.Space(space.lower, space.upper, space.logit, space.free, space.fixed)
 
-    def walk(self, log_alpha: Array, options: Options, draws: Draws) -> Array:
+    def walk(self, log_alpha: Array, options: VolatilityOptions, draws: Draws) -> Array:
         """log alpha (B, N) one step on (21)."""
         out = np.empty_like(log_alpha)
         kernels.walk(_volatility(options), _stream(draws, Purpose.WALK), log_alpha, out)
@@ -50,7 +50,7 @@ class CompiledSteps(ReferenceSteps):
         covariance: Array,
         log_alpha: Array,
         plan: Array,
-        options: Options,
+        options: VolatilityOptions,
         now: Draws,
         nodes: Indices,
         means: Array,
@@ -85,7 +85,7 @@ class CompiledSteps(ReferenceSteps):
         return mean, covariance
 
 
-def _volatility(options: Options) -> kernels.Volatility:
+def _volatility(options: VolatilityOptions) -> kernels.Volatility:
     return kernels.Volatility(
         options.volatility_sd, options.jump_probability, options.jump_sd,
         float(np.log(options.alpha_min)), float(np.log(options.alpha_max)),

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.particle.options import Options
+from estimator.particle.options import VolatilityOptions
 
 
 class Gate(NamedTuple):
@@ -24,7 +24,7 @@ def weighted_quantiles(values: Array, weights: Array, levels: Array) -> Array:
     return values[order[np.minimum(index, len(values) - 1)]]
 
 
-def learning_gate(histogram: Array, log_median: float, options: Options) -> Gate:
+def learning_gate(histogram: Array, log_median: float, options: VolatilityOptions) -> Gate:
     """Count log of the median volatility in the running histogram, read F_k off it and map it to g_k."""
     low, high = np.log(options.alpha_min), np.log(options.alpha_max)
     bins = len(histogram)
@@ -37,7 +37,7 @@ def learning_gate(histogram: Array, log_median: float, options: Options) -> Gate
     return Gate(counted, cdf, gate)
 
 
-def regime(cdf: float, options: Options) -> str:
+def regime(cdf: float, options: VolatilityOptions) -> str:
     """The regime that F_k stands for: "low", "transitional" or "high" volatility."""
     if cdf <= options.gate_low:
         return "low"

@@ -8,6 +8,7 @@ scaled to the sampling period.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import sqrt
+from typing import Self
 
 from estimator.errors import OptionsError
 from estimator.network.network import Network
@@ -30,34 +31,25 @@ ALL_NODES = "all"
 
 
 @dataclass(frozen=True)
-class Options:
-    """Everything the filter can be told. Standard deviations named `..._sd` of a process are per sampling step."""
+class VolatilityOptions:
+    """What particle and mixture Kalman filters share: options of volatility, learning gate and resampling. Standard
+    deviations named `..._sd` of a process are per sampling step."""
 
-    preset: str = choice("default", "default", "paper")
-    particles: int = whole(9000, 50, 1_000_000)
-    measurement_sd: float = number(0.1, 1e-6, 100)
-    """sigma_y [K], of every measured output; R = sigma_y^2."""
+    preset: str
+    particles: int
     process_sd: float = number(0.01, 1e-9, 100)
     """Square root of the diagonal of Q_0 [K per step], for every state."""
-    alpha_initial_sd: float = number(0.1, 0, 10)
+    alpha_initial_sd: float = number(2.0, 0, 10)
     """log alpha_0 ~ N(0, alpha_initial_sd^2)."""
     alpha_min: float = number(0.01, 1e-9, 1e6)
     alpha_max: float = number(25.0, 1e-9, 1e6)
     volatility_sd: float = number(0.1, 0, 10)
     """sigma_eta of the log-random walk (21) [per step]."""
-    jump_probability: float = number(0.0, 0, 1)
+    jump_probability: float = number(0.02, 0, 1)
     """Probability per step that log alpha also jumps by N(0, jump_sd^2)."""
     jump_sd: float = number(1.5, 0, 10)
     volatility_blocks: Mapping[str, tuple[str, ...]] | None = blocks()
     """Block name to state nodes; every block has its own alpha. None: one block of all states, as in the paper."""
-    shrinkage: float = number(0.974, 0.5, 1)
-    """a_0 of the Liu-West kernel [per step]; a_0 = (3 delta_0 - 1) / (2 delta_0) for the discount delta_0."""
-    moment_preserving: bool = flag(False)
-    """h_k^2 = 1 - a_k^2 instead of the paper's g_k (1 - a_0^2)."""
-    variance_floor: float = number(0.0, 0, 1)
-    """Smallest variance of a parameter coordinate from which rejuvenation jitters."""
-    coordinates: str = choice("log", "log", "logit")
-    """"log" (jitter clipped to the box) or "logit" (logit of the place in the log box)."""
     gate_low: float = number(0.40, 0, 1)
     gate_high: float = number(0.95, 0, 1)
     gate_min: float = number(0.05, 0, 1)
@@ -66,7 +58,33 @@ class Options:
     resample_below: float = number(0.5, 0, 1)
     """Resample when N_eff falls below this share of N."""
     implementation: str = choice("compiled", "compiled", "reference")
-    """"compiled" (Numba) or "reference" (NumPy, reads like the paper)."""
+    """"compiled" (Numba) or "reference" (NumPy, reads like the textbook)."""
+
+    def checked(self) -> Self:
+        """The same, in order. Raises OptionsError."""
+        check_order(self, ("alpha_min", "alpha_max"), ("gate_low", "gate_high"))
+        check_start(self)
+        return self
+
+
+@dataclass(frozen=True)
+class Options(VolatilityOptions):
+    """Everything the particle filter can be told."""
+
+    preset: str = choice("default", "default", "paper")
+    particles: int = whole(9000, 50, 1_000_000)
+    measurement_sd: float = number(0.1, 1e-6, 100)
+    """sigma_y [K], of every measured output; R = sigma_y^2."""
+    alpha_initial_sd: float = number(0.1, 0, 10)
+    jump_probability: float = number(0.0, 0, 1)
+    shrinkage: float = number(0.974, 0.5, 1)
+    """a_0 of the Liu-West kernel [per step]; a_0 = (3 delta_0 - 1) / (2 delta_0) for the discount delta_0."""
+    moment_preserving: bool = flag(False)
+    """h_k^2 = 1 - a_k^2 instead of the paper's g_k (1 - a_0^2)."""
+    variance_floor: float = number(0.0, 0, 1)
+    """Smallest variance of a parameter coordinate from which rejuvenation jitters."""
+    coordinates: str = choice("log", "log", "logit")
+    """"log" (jitter clipped to the box) or "logit" (logit of the place in the log box)."""
 
 
 DISCOUNT = 0.95
@@ -116,11 +134,7 @@ def resolve(network: Network, period: float, given: Mapping[str, object]) -> Opt
     effective = PRESETS[checked_preset(given, PRESETS)](network, period) | dict(given)
     if "discount" in given:
         effective["shrinkage"] = _shrinkage(effective.pop("discount"), given)
-    options = in_force(Options, network, effective)
-    check_order(options, ("alpha_min", "alpha_max"))
-    check_start(options)
-    check_order(options, ("gate_low", "gate_high"))
-    return options
+    return in_force(Options, network, effective).checked()
 
 
 def _shrinkage(discount: object, given: Mapping[str, object]) -> float:

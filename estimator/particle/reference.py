@@ -11,7 +11,7 @@ from estimator.network.network import Network
 from estimator.network.space import ParameterSpace
 from estimator.particle.kalman import Assimilated, kalman_predict, kalman_update
 from estimator.particle.liu_west import Kernel, moments, rejuvenate
-from estimator.particle.options import Options
+from estimator.particle.options import VolatilityOptions
 from estimator.particle.volatility import propagate_volatility
 
 
@@ -25,7 +25,7 @@ class ReferenceSteps:
         self._network, self._space, self._period = network, space, period
         self._block, self._process_sd = block, process_sd
 
-    def walk(self, log_alpha: Array, options: Options, draws: Draws) -> Array:
+    def walk(self, log_alpha: Array, options: VolatilityOptions, draws: Draws) -> Array:
         """log alpha (B, N) one step on (21) (line 8)."""
         return propagate_volatility(log_alpha, options, draws)
 
@@ -44,7 +44,7 @@ class ReferenceSteps:
         covariance: Array,
         log_alpha: Array,
         plan: Array,
-        options: Options,
+        options: VolatilityOptions,
         now: Draws,
         nodes: Indices,
         means: Array,

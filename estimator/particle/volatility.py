@@ -4,10 +4,10 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.kernels.draws import Draws, Purpose
-from estimator.particle.options import Options
+from estimator.particle.options import VolatilityOptions
 
 
-def propagate_volatility(log_alpha: Array, options: Options, draws: Draws) -> Array:
+def propagate_volatility(log_alpha: Array, options: VolatilityOptions, draws: Draws) -> Array:
     """log alpha (B, N) one step on: the log-random walk (21), clipped, with rare jumps if `jump_probability` > 0.
 
     The walk alone reacts a few samples late at the start of an event; the jump component is ours, not the paper's.
@@ -19,7 +19,7 @@ def propagate_volatility(log_alpha: Array, options: Options, draws: Draws) -> Ar
     return walked_volatility(log_alpha, normals[0::4], normals[1::4], uniforms[2::4], options)
 
 
-def walked_volatility(log_alpha: Array, steps: Array, jumps: Array, places: Array, options: Options) -> Array:
+def walked_volatility(log_alpha: Array, steps: Array, jumps: Array, places: Array, options: VolatilityOptions) -> Array:
     """`propagate_volatility` by given standard normal `steps` and `jumps` and uniform `places`, all (B, N)."""
     walked = log_alpha + options.volatility_sd * steps
     walked = np.where(places < options.jump_probability, walked + options.jump_sd * jumps, walked)

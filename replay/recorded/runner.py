@@ -9,7 +9,7 @@ import csv
 import json
 import math
 import resource
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from importlib.metadata import version
@@ -75,7 +75,7 @@ def replay_recording(
                     bar.update()
                 if not run.used:
                     raise ServiceError(_unused(name, recorded, start, end))
-                traces.append(run.trace(recorded.refused))
+                traces.append(run.tracer.trace(recorded.refused))
             for trace in traces:
                 for finding in trace.diagnosis.findings:
                     print(f"zone '{trace.zone}': {finding.finding} ({finding.subject}): {finding.sentence}")
@@ -99,7 +99,7 @@ class Run:
         self._parameters = csv.writer(parameters, lineterminator="\n")
         self._updates.writerow(HISTORY_COLUMNS)
         self._parameters.writerow(["time", *(parameter.name for parameter in self._worker.network.parameters)])
-        self._tracer = Tracer(table, self._worker)
+        self.tracer = Tracer(table, self._worker)
         self._seconds: list[float] = []
 
     def take(self, sample: Sample) -> None:
@@ -107,8 +107,8 @@ class Run:
         update = self._worker.step(sample)
         if update is None:
             return
-        self._tracer.note(update)
-        row = self._tracer.rows[-1]
+        self.tracer.note(update)
+        row = self.tracer.rows[-1]
         self._seconds.append(update.step_seconds)
         when = written_time(update.time)
         self._updates.writerow([when, *(_cell(value) for value in values(row)[1:])])
@@ -117,11 +117,7 @@ class Run:
     @property
     def used(self) -> int:
         """How many samples could be used."""
-        return len(self._tracer.rows)
-
-    def trace(self, refused: Mapping[str, int]) -> Trace:
-        """What the zone went through so far, with the readings that were `refused`."""
-        return self._tracer.trace(refused)
+        return len(self.tracer.rows)
 
     def summary(self, trace: Trace) -> dict[str, Any]:
         """Scores in the `one_step` convention: the interval published before y_k was seen, against y_k."""

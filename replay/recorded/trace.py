@@ -142,7 +142,8 @@ class Tracer:
 
     def __init__(self, zone: ZoneConfig, worker: ZoneWorker) -> None:
         self._zone, self._worker = zone, worker
-        self._rows: list[HistoryRow] = []
+        self.rows: list[HistoryRow] = []
+        """The history so far."""
         self._inputs = array("d")
         self._looks: list[int] = []
         self._parameters: list[Array] = []
@@ -152,22 +153,17 @@ class Tracer:
         """Inputs in force from each sample since the pending issue, by its time."""
         self._fans: list[Fan] = []
 
-    @property
-    def rows(self) -> list[HistoryRow]:
-        """The history so far."""
-        return self._rows
-
     def note(self, update: Update) -> None:
         """Take down `update`, which the worker has just returned."""
         held = self._worker.carried.held.values
-        self._rows.append(HistoryRow.of(update))
+        self.rows.append(HistoryRow.of(update))
         self._inputs.extend(held.tolist())
         self._look(update)
         self._verify(update, held)
 
     def remember(self, row: HistoryRow, inputs: Array) -> None:
         """Take down what a daemon has kept of a sample before, and the `inputs` (n_u,) that were in force."""
-        self._rows.append(row)
+        self.rows.append(row)
         self._inputs.extend(inputs.tolist())
 
     def trace(self, faults: Mapping[str, int]) -> Trace:
@@ -176,7 +172,7 @@ class Tracer:
 
     def course(self, faults: Mapping[str, int]) -> Trace:
         """Everything that was noted, without what is known in the end."""
-        zone, worker, count = self._zone, self._worker, len(self._rows)
+        zone, worker, count = self._zone, self._worker, len(self.rows)
         return Trace(
             zone=zone.id,
             network=worker.network,
@@ -184,7 +180,7 @@ class Tracer:
             period=worker.period,
             level=zone.levels[0],
             options=registry.as_mapping(zone.options),
-            rows=self._rows,
+            rows=self.rows,
             inputs=np.array(self._inputs).reshape(count, len(worker.network.inputs)),
             looks=np.array(self._looks, dtype=np.int64),
             parameters=np.array(self._parameters).reshape(-1, len(worker.network.parameters), len(LEVELS)),
@@ -198,7 +194,7 @@ class Tracer:
         """What was noted, for a file, without the forecast that waits for its day to pass."""
         fans, nothing = self._fans, np.empty((0, len(LEVELS)))
         return {
-            "rows": np.array([values(row) for row in self._rows], dtype=np.float64).reshape(-1, len(HISTORY_COLUMNS)),
+            "rows": np.array([values(row) for row in self.rows], dtype=np.float64).reshape(-1, len(HISTORY_COLUMNS)),
             "inputs": np.array(self._inputs),
             "looks": np.array(self._looks, dtype=np.float64),
             "parameters": np.array(self._parameters),
@@ -213,7 +209,7 @@ class Tracer:
         for row in packed["rows"].tolist():
             cells = dict(zip(HISTORY_COLUMNS, row, strict=True))
             whole = {name: int(cells[name]) for name in ("time", "segment")}
-            self._rows.append(HistoryRow(**(cells | whole | {"resampled": bool(cells["resampled"])})))
+            self.rows.append(HistoryRow(**(cells | whole | {"resampled": bool(cells["resampled"])})))
         self._inputs = array("d", packed["inputs"].tolist())
         self._looks = packed["looks"].astype(np.int64).tolist()
         self._parameters, self._heat_loss = list(packed["parameters"]), list(packed["heat_loss"])

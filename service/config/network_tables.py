@@ -98,11 +98,7 @@ class GainConfig(BoundsConfig):
             )
         if self.name is not None:
             self.required()
-        elif (
-            self.unit is not None
-            or self.complete
-            or self.model_fields_set & {"lower", "upper", "nominal", "typical", "spread"}
-        ):
+        elif self.model_fields_set - {"constant", "rest_of"}:
             raise ValueError("has bounds, a value or a unit but no name; give it a name, such as A_w")
         return self
 

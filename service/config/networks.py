@@ -168,16 +168,12 @@ def _changed(parameter: Parameter, bounds: BoundsConfig) -> Parameter:
     """`parameter` with what `bounds` says; a nominal or typical value that its new bounds exclude is dropped."""
     if bounds.value is not None:
         return replace(parameter, nominal=bounds.value, free=False, typical=None)
-    spread = parameter.spread if bounds.spread is None else bounds.spread
-    lower = parameter.lower if bounds.lower is None else bounds.lower
-    upper = parameter.upper if bounds.upper is None else bounds.upper
-    nominal = parameter.nominal if bounds.nominal is None else bounds.nominal
-    if nominal is not None and not lower <= nominal <= upper and bounds.nominal is None:
-        nominal = None
-    typical = parameter.typical if bounds.typical is None else bounds.typical
-    if typical is not None and not lower <= typical <= upper and bounds.typical is None:
-        typical = None
-    return replace(parameter, lower=lower, upper=upper, nominal=nominal, typical=typical, spread=spread)
+    names = ("lower", "upper", "nominal", "typical", "spread")
+    given: dict[str, Any] = {name: value for name in names if (value := getattr(bounds, name)) is not None}
+    new = replace(parameter, **given)
+    kept = {name: getattr(new, name) for name in ("nominal", "typical") if name not in given}
+    outside = [name for name, value in kept.items() if value is not None and not new.lower <= value <= new.upper]
+    return replace(new, **dict[str, Any](dict.fromkeys(outside)))
 
 
 def _inline(table: InlineConfig, mistakes: Mistakes) -> Network:

@@ -126,11 +126,6 @@ FORMER_ESTIMATOR = "rbpf"
 """What that was before: of a zone with state of it, and of one that gives options without an estimator."""
 
 
-def default_seed(site: str, zone: str) -> int:
-    """The seed of a zone that gives none: the same on every machine and after every restart."""
-    return zlib.crc32(f"{site}/{zone}".encode())
-
-
 class ZoneTable(BaseModel):
     """[[zones]] as it is written: one thermal zone with its own grid, network and estimator."""
 
@@ -183,7 +178,8 @@ class ZoneTable(BaseModel):
     def _seeded(cls, table: Any, info: ValidationInfo) -> Any:
         if not isinstance(table, dict) or "seed" in table:
             return table
-        return table | {"seed": default_seed(str(context(info)["site"]), str(table.get("id")))}
+        # The same on every machine and after every restart.
+        return table | {"seed": zlib.crc32(f"{context(info)['site']}/{table.get('id')}".encode())}
 
     @model_validator(mode="before")
     @classmethod

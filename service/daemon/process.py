@@ -42,7 +42,10 @@ def prepare_process(shared: bool = False) -> None:
     `shared`: the process is not ours, but a notebook's, whose linear algebra keeps its threads.
     """
     if not shared:
-        _calculate_in_one_thread()
+        # Our matrices are small, and zones or runs are spread over threads and processes already. OpenBLAS would start
+        # a thread per processor in each, which wait for each other by turning round: three fits beside each other on
+        # two processors took four times as long.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         gc.set_threshold(*_COLLECT_AFTER_WHILE_STARTING)
     _give_numba_a_cache()
     _keep_freed_memory()
@@ -67,16 +70,6 @@ async def collect_garbage() -> None:
     while True:
         await asyncio.sleep(_COLLECT_SECONDS)
         gc.collect()
-
-
-def _calculate_in_one_thread() -> None:
-    """Keep linear algebra to the thread that asks for it, unless OPENBLAS_NUM_THREADS says otherwise.
-
-    Our matrices are small, and zones or runs are spread over threads and processes already. OpenBLAS would start a
-    thread per processor in each, which wait for each other by turning round: three fits beside each other on two
-    processors took four times as long.
-    """
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _give_numba_a_cache() -> None:

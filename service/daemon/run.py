@@ -183,7 +183,7 @@ class Daemon:
         site.metrics.register(http_measures(server, app))
         await answer_on_zenoh(opened, self._config, site.zones)
         stop = asyncio.create_task(self._stopping.wait())
-        watching = (watch_loop(site.metrics.observe_loop_delay), vitals.run(partial(self._feed_watchdog, vitals)))
+        watching = (watch_loop(site.metrics.loop_delay.observe), vitals.run(partial(self._feed_watchdog, vitals)))
         rest.push_async_callback(end, [stop, *map(asyncio.create_task, watching)])
         await runtime.declare()
         if not await done_before(stop, asyncio.ensure_future(runtime.restore())):

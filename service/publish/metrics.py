@@ -53,7 +53,7 @@ class Metrics(Sink):
         )
         registry.register(_OfZones(_DESCRIBED["forecasts"], _of_forecasts, zones, self._reports))
         name, text = "thermogate_event_loop_delay_seconds", "How late the event loop served a timer"
-        self._loop_delay = Histogram(name, text, buckets=_DELAY_BUCKETS, registry=registry)
+        self.loop_delay = Histogram(name, text, buckets=_DELAY_BUCKETS, registry=registry)
         labels = ["zone", "result"]
         self._checkpoints = Counter("thermogate_checkpoints", "Checkpoints by result", labels, registry=registry)
         name, text = "thermogate_checkpoint_timestamp_seconds", "When the newest checkpoint was written"
@@ -96,10 +96,6 @@ class Metrics(Sink):
                 self._samples.labels(zone).inc()
                 self._seconds.labels(zone).observe(update.step_seconds)
             self._reports[zone] = announcement.reports.beside(self._reports.get(zone, NO_REPORTS))
-
-    def observe_loop_delay(self, seconds: float) -> None:
-        """Take in how late the event loop was for one timer."""
-        self._loop_delay.observe(seconds)
 
     def checkpointed(self, zone: str, written: bool) -> None:
         """A checkpoint of `zone` was written, or could not be."""

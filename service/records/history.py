@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 from service.records.record import Number, Time, constant, names, record, shown
 from service.records.update import Update
@@ -46,21 +46,9 @@ class HistoryRow:
         if volatility.blocks:
             alpha = (volatility.lower[0], volatility.median[0], volatility.upper[0], volatility.cdf[0])
         gain = (math.nan,) * 3 if update.disturbance is None else update.disturbance.gain
-        return cls(
-            update.time,
-            update.y[0],
-            *scored,
-            *alpha,
-            gate=update.shown_gate.value,
-            n_eff=update.shown_sample_size,
-            resampled=update.resampled,
-            log_likelihood=update.log_likelihood,
-            segment=update.segment,
-            gain_lower=gain[0],
-            gain_median=gain[1],
-            gain_upper=gain[2],
-            setpoint=update.setpoint,
-        )
+        filtered = update.shown_gate.value, update.shown_sample_size, update.resampled, update.log_likelihood
+        row: list[Any] = [update.time, update.y[0], *scored, *alpha, *filtered, update.segment]
+        return cls(*[*row, *gain, update.setpoint])
 
 
 HISTORY_COLUMNS = names(HistoryRow)

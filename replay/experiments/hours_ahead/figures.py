@@ -77,14 +77,9 @@ def learned(known: Known, times: Seconds, arrays: Arrays) -> Figures:
     reached = arrays["heat_loss"][since[arrays["heat_loss_rows"]] >= LEARNING]
     found = {
         LOSS: float(reached[0]) / known.heat_loss if len(reached) else np.nan,
-        GAIN: _relative_error(middle, truth),
+        GAIN: float(np.sqrt(np.mean((middle - truth) ** 2) / np.mean(truth**2))) if len(middle) else np.nan,
         GAIN_COVERAGE: float(((lower <= truth) & (truth <= upper)).mean())
         if later.any() and np.isfinite(middle).all()
         else np.nan,
     }
     return {name: value for name, value in found.items() if np.isfinite(value)}
-
-
-def _relative_error(found: Array, truth: Array) -> float:
-    """Root mean square of the error over that of the truth; NaN where anything is missing."""
-    return float(np.sqrt(np.mean((found - truth) ** 2) / np.mean(truth**2))) if len(found) else np.nan

@@ -155,7 +155,9 @@ def run_filter(run: FilterRun) -> Arrays:
             kept.lower[k], kept.upper[k] = standing.quantiles(TAILS, 0)
         noise = _left_out(measurement_sd, posterior)
         if step.assimilated and np.isfinite(noise):
-            after = _without_noise(estimator.predictive(posterior.state), noise)
+            after = estimator.predictive(posterior.state)
+            # Of the state behind the outputs.
+            after = after._replace(sds=np.sqrt(np.maximum(after.sds**2 - noise**2, np.finfo(float).tiny)))
             kept.filtered_mean[k] = after.mean()[0]
             kept.filtered_lower[k], kept.filtered_upper[k] = after.quantiles(TAILS, 0)
         if len(posterior.alpha_quantiles):
@@ -182,9 +184,3 @@ def _blank(samples: int, parameters: int) -> Trace:
     columns["alpha"] = np.full((samples, 3), np.nan)
     columns["theta"] = np.full((samples, parameters), np.nan)
     return Trace(**columns)
-
-
-def _without_noise(mixture: Mixture, measurement_sd: float) -> Mixture:
-    """The mixture of the state behind the outputs."""
-    variance = np.maximum(mixture.sds**2 - measurement_sd**2, np.finfo(float).tiny)
-    return mixture._replace(sds=np.sqrt(variance))

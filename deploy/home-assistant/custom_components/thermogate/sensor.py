@@ -89,7 +89,6 @@ SENSORS = (
     *(
         Described(
             key=f"forecast_{hour}",
-            translation_key=f"forecast_{hour}",
             device_class=SensorDeviceClass.TEMPERATURE,
             native_unit_of_measurement=UnitOfTemperature.CELSIUS,
             state_class=SensorStateClass.MEASUREMENT,
@@ -103,7 +102,6 @@ SENSORS = (
     *(
         Described(
             key=f"trust_{hour}",
-            translation_key=f"trust_{hour}",
             device_class=SensorDeviceClass.ENUM,
             options=["learning", "trusted", "doubtful", "untrusted"],
             value=lambda topics, lead=lead: _trust(topics, lead).get("trust"),
@@ -115,7 +113,6 @@ SENSORS = (
     ),
     Described(
         key="quality",
-        translation_key="quality",
         device_class=SensorDeviceClass.ENUM,
         options=["good", "uncertain", "bad"],
         value=lambda topics: topics.get("ahead", topics.get("forecast", {})).get("quality"),
@@ -123,7 +120,6 @@ SENSORS = (
     ),
     Described(
         key="start_heating",
-        translation_key="start_heating",
         device_class=SensorDeviceClass.TIMESTAMP,
         value=_start,
         attributes=_heating,
@@ -131,7 +127,6 @@ SENSORS = (
     ),
     Described(
         key="unmeasured_heat",
-        translation_key="unmeasured_heat",
         device_class=SensorDeviceClass.POWER,
         native_unit_of_measurement=UnitOfPower.WATT,
         state_class=SensorStateClass.MEASUREMENT,
@@ -142,13 +137,11 @@ SENSORS = (
     ),
     Described(
         key="advice",
-        translation_key="advice",
         value=_advice,
         attributes=lambda topics, _: {name: topics["room"][name] for name in ("to_do", "answers") if "room" in topics},
     ),
     Described(
         key="state",
-        translation_key="state",
         device_class=SensorDeviceClass.ENUM,
         options=["waiting", "running", "stalled", "failed"],
         entity_category=EntityCategory.DIAGNOSTIC,
@@ -176,6 +169,7 @@ class ZoneSensor(CoordinatorEntity[Coordinator], SensorEntity):
         self.entity_description = description
         self._zone = zone
         identity = f"{coordinator.site}/{zone}"
+        self._attr_translation_key = description.key
         self._attr_unique_id = f"{identity}/{description.key}"
         self._attr_device_info = DeviceInfo(
             identifiers={(DOMAIN, identity)},

@@ -91,7 +91,8 @@ def lived(scene: Scene, life: Life, index: int, local: float, heating: Array) ->
     """What acts in step `index`: the people of `life`, those of the case, and `heating` (N,) in W."""
     people, equipment, lights, opening = (np.array(field, dtype=np.float64) for field in life.at(local))
     if scene.case == PARTIES:
-        day, hour = _controlled_day(scene, index)
+        # Days since control began; the plant begins at midnight.
+        day, hour = (index - scene.controlled_from) // STEPS_A_DAY, (index % STEPS_A_DAY) * STEP / HOUR
         if day >= 0 and _acts(_GUESTS, day, hour):
             people[0] += _GUEST_COUNT
             equipment[0] += _GUEST_EQUIPMENT
@@ -111,11 +112,6 @@ def stuck_steps(scene: Scene) -> Mask:
             )
             stuck[begin : begin + STEPS_A_DAY] = True
     return stuck
-
-
-def _controlled_day(scene: Scene, index: int) -> tuple[int, float]:
-    """Days since control began, and the hour; the plant begins at midnight."""
-    return (index - scene.controlled_from) // STEPS_A_DAY, (index % STEPS_A_DAY) * STEP / HOUR
 
 
 def _acts(event: tuple[int, float, float], day: int, hour: float) -> bool:
