@@ -30,7 +30,7 @@ export function coldBy({ temperature, setpoint, risen }) {
 export function severity(row) {
   const findings = FINDING_WEIGHT * pressing(row).length;
   const uncomfortable = row.often ? 1 + row.often_h / 24 : 0;
-  return (STATE_WEIGHT[row.state] ?? 0) + (TRUST_WEIGHT[row.trust] ?? 0) + (row.reason && row.state === "running" ? 50 : 0) + Math.min(80, findings) + (row.disturbed ? 10 : 0) + Math.min(12, 6 * coldBy(row)) + uncomfortable + (outdone(row) ? 0.1 : 0);
+  return (STATE_WEIGHT[row.state] ?? 0) + (TRUST_WEIGHT[row.trust] ?? 0) + (row.reason && row.state === "running" ? 50 : 0) + Math.min(80, findings) + (row.disturbed ? 10 : 0) + Math.min(12, 6 * coldBy(row)) + uncomfortable + (outdone(row) ? 0.01 : 0);
 }
 
 // Whether somebody should look: the room does not run as it should, or its own page names something to do.
