@@ -6,6 +6,7 @@ normal. All limits are multiples of what the reference has shown: a coarse or a 
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -77,6 +78,8 @@ _LATELY = 12.0
 SETTLED = 7 * 24.0
 """h after which another level is the usual one, and what was suspected is the new truth: what was learned of it is
 kept."""
+
+Truths = npt.NDArray[np.bool_]
 
 Kind = str
 """What a channel measures: "room", "outside" (any other temperature), "heat" (W) or "other"."""
@@ -210,7 +213,10 @@ class _Jump(NamedTuple):
 def _jumps(look: Look, column: int) -> tuple[list[_Jump], int]:
     """The jumps of a thermometer that are larger than any before and still stand, and how many went to and fro within
     an hour."""
-    steps, limits = np.diff(look.new[:, column]), _largest(look, column)
+    steps = np.diff(look.new[:, column])
+    if not (np.abs(steps) > _LEAST_JUMP).any():
+        return [], 0
+    limits = _largest(look, column)
     standing: list[int] = []
     spikes = 0
     for place in np.flatnonzero(np.abs(steps) > limits).tolist():
@@ -246,7 +252,7 @@ def _largest(look: Look, column: int) -> Array:
     return np.where(unseen[1:], np.inf, np.maximum(_LEAST_JUMP, np.array(largest)[heated[split:]]))
 
 
-def _above(look: Look, column: int) -> npt.NDArray[np.bool_]:
+def _above(look: Look, column: int) -> Truths:
     """(k,): new slots in whose last hour a meter has told more than ever in the reference."""
     above = np.abs(look.new[:, column]) > 1.5 * _highest(look.past[:, column])
     return np.convolve(above, np.ones(look.slots(1.0) + 1))[: len(above)] > 0.0
@@ -336,30 +342,25 @@ def _misread(look: Look) -> Found:
     found = look.response
     if found is None:
         return
-    hour, as_told = look.slots(1.0), found.log_likelihood(found.errors)
-    unseen = _unseen(look)
+    hour, unseen = look.slots(1.0), _unseen(look)
     for column in look.columns("heat"):
         told, usual, highest = _heat(found, column)
         if not len(usual) > look.slots(_LEAST_HEATED) or found.effect(column) * highest < found.scale:
             continue
-        earlier = np.concatenate([told[hour:], np.full(hour, np.nan)])
-        others = ((UNIT_CHANGED, told * 1000.0), (UNIT_CHANGED, told / 1000.0), (METER_LATE, earlier))
-        for name, other in others:
+        least, earlier = np.quantile(usual, 0.1), np.concatenate([told[hour:], np.full(hour, np.nan)])
+        for name, other in ((UNIT_CHANGED, told * 1000.0), (UNIT_CHANGED, told / 1000.0), (METER_LATE, earlier)):
             # No noise of a heater that is off, and no first heat after a summer of noise, is like the usual heat.
-            like = (np.abs(other) >= np.quantile(usual, 0.1)) & (np.abs(other) <= 1.5 * highest)
+            like = (np.abs(other) >= least) & (np.abs(other) <= 1.5 * highest)
             values = np.where(like, other, told) if name == UNIT_CHANGED else other
-            ratios = np.where(unseen, 0.0, found.log_likelihood(found.errors_if(column, values)) - as_told)
-            if (hours := _evident(look, ratios, _SURE[name])) is not None:
+            if (hours := _evident(look, partial(_instead, found, unseen, column, values), _SURE[name])) is not None:
                 yield name, column, hours
         quiet, heated = np.abs(told) <= _HEATED * highest, told > _HEATED * highest
+        if not quiet[-1]:
+            continue
         # A room that is warmer than it was ever heated to needs no heat.
         room = found.rows[:, 0]
         idle = room > _highest(room[: found.known][heated[: found.known]])
-        powers = np.nanquantile(told[: found.known], _SPREAD)
-        moved = found.log_likelihood(found.errors[:, None] - found.effect(column) * powers)
-        ratios = np.where(unseen | idle, 0.0, np.log(np.exp(moved).mean(axis=1)) - as_told)
-        ratios = np.where(quiet, ratios, -_NEVER)
-        hours = _evident(look, ratios, _SURE[METER_DEAD])
+        hours = _evident(look, partial(_silently, found, unseen | idle, column, quiet), _SURE[METER_DEAD])
         silent, warming = float(_quiet(look, column)[-1]), look.slots(_WARMING)
         if hours is None and silent > _WARMING:
             warmer = _means(np.where(idle, np.nan, found.errors), warming)
@@ -370,7 +371,22 @@ def _misread(look: Look) -> Found:
             yield METER_DEAD, column, max(hours, silent)
 
 
-def _unseen(look: Look) -> npt.NDArray[np.bool_]:
+def _instead(found: Response, unseen: Truths, column: int, values: Array, begin: int) -> Array:
+    """(n - begin,): log-likelihood ratios, from slot `begin` on, of `values` (n,) in place of what a meter tells."""
+    better = found.log_likelihood(found.errors_if(column, values, begin))
+    return np.where(unseen[begin:], 0.0, better - found.log_likelihood(found.errors[begin:]))
+
+
+def _silently(found: Response, unseen: Truths, column: int, quiet: Truths, begin: int) -> Array:
+    """The same of some of the usual heat where a meter is `quiet` (n,); it never is where it tells of heat."""
+    errors = found.errors[begin:]
+    powers = np.nanquantile(found.rows[: found.known, column], _SPREAD)
+    likelihoods = np.exp(found.log_likelihood(errors[:, None] - found.effect(column) * powers))
+    ratios = np.where(unseen[begin:], 0.0, np.log(likelihoods.mean(axis=1)) - found.log_likelihood(errors))
+    return np.where(quiet[begin:], ratios, -_NEVER)
+
+
+def _unseen(look: Look) -> Truths:
     """(n,): slots in which it is far warmer or colder around the room, against the room, than ever in the reference:
     how it answers that, nobody knows."""
     rows = np.concatenate([look.past, look.new])
@@ -402,12 +418,15 @@ def _highest(values: Array) -> float:
     return float(np.nanmax(values, initial=0.0))
 
 
-def _evident(look: Look, ratios: Array, sure: float) -> float | None:
-    """For how many hours the log-likelihood `ratios` (n,) have spoken against what is told; None where they do not,
-    or not more than is usual in the reference."""
-    day = look.slots(24.0)
-    evidence = gathered(ratios, day)
-    if not evidence[-1] > max(sure, _ABOVE * evidence[: len(look.past)].max()):
+def _evident(look: Look, ratios: Callable[[int], Array], sure: float) -> float | None:
+    """For how many hours the log-likelihood `ratios`, from any of n slots on, have spoken against what is told; None
+    where they do not, or not more than is usual in the reference."""
+    day, split = look.slots(24.0), len(look.past)
+    # The last day speaks for itself in nearly every look: all of the fortnight then need not be heard.
+    if not gathered(ratios(max(split + len(look.new) - day, 0)), day)[-1] > sure:
+        return None
+    evidence = gathered(ratios(0), day)
+    if not evidence[-1] > max(sure, _ABOVE * evidence[:split].max()):
         return None
     begun = np.flatnonzero(evidence == 0.0)
     return float(len(evidence) - 1 - begun[-1] if len(begun) else day) * look.step
@@ -451,7 +470,7 @@ def _warm(look: Look) -> Found:
         yield SENSOR_DRIFTS, 0, 24.0
 
 
-def _wanted(look: Look, heated: npt.NDArray[np.bool_]) -> Array:
+def _wanted(look: Look, heated: Truths) -> Array:
     """(n,): what the room is heated to [degC]; 0 where that is not known while it is `heated` (n,). A heater is still
     warm for a while after the thermostat has been set back."""
     told = look.setpoints

@@ -16,6 +16,8 @@ from estimator.arrays import Array
 _RIDGE = 1e-3
 _LONGEST = 6
 """Slots that the regressors reach back."""
+_LAGS = 4
+"""Slots of a heat among them."""
 _LEAST = 288
 """Slots that must be complete in the reference."""
 _FREEDOM = 3.0
@@ -29,6 +31,10 @@ class Response(NamedTuple):
 
     rows: Array
     """(n, c): the room in column 0, then the inputs."""
+    regressors: Array
+    """(n - 7, p): of the rise [K] into each slot from the eighth on."""
+    rise: Array
+    """(n - 7,)."""
     known: int
     kinds: Sequence[str]
     """What each column is."""
@@ -39,16 +45,23 @@ class Response(NamedTuple):
     scale: float
     """Of the errors in the reference [K]."""
 
-    def errors_if(self, column: int, values: Array) -> Array:
-        """(n,): what the errors would be if the inputs in `column` had been `values` (n,)."""
-        rows = self.rows.copy()
-        rows[:, column] = values
-        return _errors(rows, self.kinds, self.coefficients)
+    def errors_if(self, column: int, values: Array, begin: int) -> Array:
+        """(n - begin,): what the errors would be from slot `begin` on if a heat had been `values` (n,)."""
+        place, first = self._place(column), max(begin - _LONGEST - 1, 0)
+        regressors = self.regressors[first:].copy()
+        regressors[:, place : place + _LAGS] = _lags(values)[first:]
+        errors = np.full(len(values) - begin, np.nan)
+        errors[len(errors) - len(regressors) :] = self.rise[first:] - regressors @ self.coefficients
+        return errors
 
     def effect(self, column: int) -> float:
         """K by which the first slots of a unit of a heat move the room."""
-        place = 5 + 4 * [at for at, kind in enumerate(self.kinds) if kind != "outside" and at].index(column)
+        place = self._place(column)
         return float(self.coefficients[place : place + 2].sum())
+
+    def _place(self, column: int) -> int:
+        """Of the first regressor of a heat."""
+        return 5 + _LAGS * [at for at, kind in enumerate(self.kinds) if kind != "outside" and at].index(column)
 
     def log_likelihood(self, errors: Array) -> Array:
         """(...,): of `errors` (...,), but for a constant."""
@@ -67,11 +80,12 @@ def response(rows: Array, known: int, kinds: Sequence[str]) -> Response | None:
     past = regressors[reference] / scale
     gram = past.T @ past + _RIDGE * len(past) * np.eye(len(scale))
     coefficients = np.linalg.solve(gram, past.T @ rise[reference]) / scale
-    errors = _errors(rows, kinds, coefficients)
+    errors = np.full(len(rows), np.nan)
+    errors[_LONGEST + 1 :] = rise - regressors @ coefficients
     usual = errors[:known][np.isfinite(errors[:known])]
     low, high = np.quantile(usual, [0.16, 0.84])
     spread = max((high - low) / 2.0, 0.3 * float(usual.std()), _FINEST)
-    return Response(rows, known, kinds, coefficients, errors, spread)
+    return Response(rows, regressors, rise, known, kinds, coefficients, errors, spread)
 
 
 def gathered(ratios: Array, slots: int) -> Array:
@@ -80,23 +94,20 @@ def gathered(ratios: Array, slots: int) -> Array:
     return np.asarray(sums[slots + 1 :] - sliding_window_view(sums[1:], slots + 1).min(axis=1)[: len(ratios)])
 
 
-def _errors(rows: Array, kinds: Sequence[str], coefficients: Array) -> Array:
-    regressors, rise = _regression(rows, kinds)
-    errors = np.full(len(rows), np.nan)
-    errors[_LONGEST + 1 :] = rise - regressors @ coefficients
-    return errors
-
-
 def _regression(rows: Array, kinds: Sequence[str]) -> tuple[Array, Array]:
     """Regressors (n - 7, p) and rise of the room (n - 7,) [K] from a slot to the next."""
-    room, at = rows[:, 0], np.arange(_LONGEST, len(rows) - 1)
+    room, count = rows[:, 0], len(rows)
+    steps, now = np.diff(room), slice(_LONGEST, count - 1)
     columns = [
-        np.ones(len(at)),
-        *(room[at - k] - room[at - k - 1] for k in range(3)),
-        room[at - 3] - room[at - _LONGEST],
+        np.ones((count - _LONGEST - 1, 1)),
+        *(steps[_LONGEST - 1 - k : count - 2 - k, None] for k in range(3)),
+        (room[_LONGEST - 3 : count - 4] - room[: count - _LONGEST - 1])[:, None],
+        *(_lags(rows[:, column]) for column, kind in enumerate(kinds) if kind != "outside" and column),
+        *((rows[now, column] - room[now])[:, None] for column, kind in enumerate(kinds) if kind == "outside"),
     ]
-    for column, kind in enumerate(kinds[1:], 1):
-        if kind != "outside":
-            columns += [rows[at + 1 - k, column] for k in range(4)]
-    columns += [rows[at, column] - room[at] for column, kind in enumerate(kinds) if kind == "outside"]
-    return np.column_stack(columns), room[at + 1] - room[at]
+    return np.hstack(columns), steps[now]
+
+
+def _lags(values: Array) -> Array:
+    """(n - 7, _LAGS): of each slot from the eighth on what `values` (n,) are in it and before it."""
+    return sliding_window_view(values[_LONGEST + 2 - _LAGS :], _LAGS)[:, ::-1]
