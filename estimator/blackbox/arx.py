@@ -114,33 +114,23 @@ class ARX(Regression):
         """One period on under `inputs` (n_u,) held over the step."""
         past = _shifted(state.inputs.T, inputs).T
         outputs, echo, spread = state.outputs.copy(), state.echo.copy(), state.spread.copy()
-        _move(state.coefficients, outputs, self._scaled(past).ravel(), echo, spread, self._bounds(state), LEVEL)
+        _move(state.coefficients, outputs, self._scaled(past).ravel(), echo, spread, _bounds(state.seen), LEVEL)
         return state._replace(outputs=outputs, inputs=past, echo=echo, spread=spread)
 
     def predictive(self, state: ARXState) -> Mixture:
         """A Gaussian for every output at the state's time, as a mixture of one."""
-        return Mixture(np.ones(1), state.outputs[:, :1], self._theory(state)[:, None])
+        return Mixture(np.ones(1), state.outputs[:, :1], _theory(state.residual, state.spread)[:, None])
 
     def update(self, state: ARXState, outputs: Array) -> Posterior:
         """Learn from `outputs` (n_y,), the newest of which `state` has forecast; NaN for a missing one."""
-        measured = ~np.isnan(outputs)
-        if not measured.any():
+        missing, sds = np.isnan(outputs), _theory(state.residual, state.spread)
+        if missing.all():
             return self._posterior(state, Outcome.MISSING)
-        sds = self._theory(state)
-        if not (np.abs(outputs - state.outputs[:, 0])[measured] < FARTHEST + 10.0 * sds[measured]).all():
+        if not (missing | (np.abs(outputs - state.outputs[:, 0]) < FARTHEST + 10.0 * sds)).all():
             return self._posterior(state, Outcome.VANISHED)
         learned = ARXState(*(array.copy() for array in state))
-        regressors, log_likelihood = self._scaled(state.inputs).ravel(), 0.0
-        for i in np.flatnonzero(measured):
-            error = outputs[i] - state.outputs[i, 0]
-            log_likelihood -= 0.5 * (error / sds[i]) ** 2 + float(np.log(sds[i] * np.sqrt(2.0 * np.pi)))
-            # What the regression explains is the step from the last measurement; a forecast of a forecast is none.
-            if state.spread[i] == 1.0:
-                row = _row(state.outputs[i, 1:], regressors, LEVEL)
-                _learn(learned.coefficients[i], learned.covariance[i], row, error, self._forgetting, self._prior)
-                learned.residual[i] = state.residual[i] * self._residual_forgetting + np.array([error**2, 1.0])
-            learned.outputs[i, 0], learned.echo[i], learned.spread[i] = outputs[i], 0.0, 0.0
-            learned.seen[i] = min(learned.seen[i, 0], outputs[i]), max(learned.seen[i, 1], outputs[i])
+        memory = self._forgetting, self._residual_forgetting, self._prior
+        log_likelihood = _assimilate(learned, self._scaled(state.inputs).ravel(), sds, outputs, memory, LEVEL)
         return self._posterior(learned, Outcome.ASSIMILATED, log_likelihood)
 
     def futures(self, state: ARXState, plan: Array) -> tuple[Array, Array]:
@@ -148,7 +138,7 @@ class ARX(Regression):
         scaled = self._scaled(np.concatenate([state.inputs[::-1], plan]))[::-1]
         means, spreads = _moved(
             state.coefficients, state.outputs, np.ascontiguousarray(scaled), self.options.past_inputs, state.echo,
-            state.spread, self._bounds(state), LEVEL,
+            state.spread, _bounds(state.seen), LEVEL,
         )  # fmt: skip
         return means, self._spreads(state, spreads)
 
@@ -174,7 +164,7 @@ class ARX(Regression):
         Those of the regression (`spreads`, in squares of its residual) give way to what forecasts of such a lead have
         missed by, as far as any were verified.
         """
-        unit = _residual_sd(state)
+        unit = _residual_sd(state.residual)
         theory = unit * np.sqrt(np.clip(spreads, 1e-6, _WIDEST_SPREAD))
         at = np.flatnonzero(state.leads > 0.0)
         if not len(at) or len(theory) < 2:
@@ -193,20 +183,49 @@ class ARX(Regression):
         """A past (n_y, past_outputs + 1) in which nothing has changed."""
         return np.tile(self.filled(outputs)[:, None], self.options.past_outputs + 1)
 
-    def _bounds(self, state: ARXState) -> Array:
-        """(n_y, 2): what no forecast goes beyond [degC]."""
-        beyond = _BEYOND + _BEYOND_SHARE * (state.seen[:, 1] - state.seen[:, 0])
-        return np.column_stack([state.seen[:, 0] - beyond, state.seen[:, 1] + beyond])
 
-    def _theory(self, state: ARXState) -> Array:
-        """Standard deviation (n_y,) [K] at the state's time, if residuals were independent."""
-        return _residual_sd(state) * np.sqrt(np.clip(state.spread, 1e-6, _WIDEST_SPREAD))
+@njit(cache=True, nogil=True)
+def _bounds(seen):  # type: ignore[no-untyped-def]
+    """(n_y, 2): what no forecast goes beyond [degC], of outputs that were `seen` (n_y, 2)."""
+    bounds = np.empty_like(seen)
+    for i in range(len(seen)):
+        beyond = _BEYOND + _BEYOND_SHARE * (seen[i, 1] - seen[i, 0])
+        bounds[i] = seen[i, 0] - beyond, seen[i, 1] + beyond
+    return bounds
 
 
-def _residual_sd(state: ARXState) -> Array:
-    """Standard deviations (n_y,) [K] of the residuals of one step."""
-    squares, weights = state.residual.T
-    return np.asarray(np.maximum(np.sqrt(squares / weights), _LEAST_SD), dtype=np.float64)
+@njit(cache=True, nogil=True)
+def _residual_sd(residual):  # type: ignore[no-untyped-def]
+    """Standard deviations (n_y,) [K] of the residuals of one step, from `residual` (n_y, 2)."""
+    return np.maximum(np.sqrt(residual[:, 0] / residual[:, 1]), _LEAST_SD)
+
+
+@njit(cache=True, nogil=True)
+def _theory(residual, spread):  # type: ignore[no-untyped-def]
+    """Standard deviation (n_y,) [K] at a state's time, if residuals were independent."""
+    return _residual_sd(residual) * np.sqrt(np.minimum(np.maximum(spread, 1e-6), _WIDEST_SPREAD))
+
+
+@njit(cache=True, nogil=True)
+def _assimilate(state, regressors, sds, outputs, memory, level):  # type: ignore[no-untyped-def]
+    """The log likelihood of `outputs` (n_y,), from which `state` learns in place; `memory` is what a step leaves of
+    what was learned and of residuals, and the variance of the prior."""
+    forgetting, residual_forgetting, most = memory
+    log_likelihood = 0.0
+    for i in range(len(outputs)):
+        if np.isnan(outputs[i]):
+            continue
+        error = outputs[i] - state.outputs[i, 0]
+        log_likelihood -= 0.5 * (error / sds[i]) ** 2 + np.log(sds[i] * np.sqrt(2.0 * np.pi))
+        # What the regression explains is the step from the last measurement; a forecast of a forecast is none.
+        if state.spread[i] == 1.0:
+            row = _row(state.outputs[i, 1:], regressors, level)
+            _learn(state.coefficients[i], state.covariance[i], row, error, forgetting, most)
+            state.residual[i, 0] = state.residual[i, 0] * residual_forgetting + error * error
+            state.residual[i, 1] = state.residual[i, 1] * residual_forgetting + 1.0
+        state.outputs[i, 0], state.echo[i], state.spread[i] = outputs[i], 0.0, 0.0
+        state.seen[i] = min(state.seen[i, 0], outputs[i]), max(state.seen[i, 1], outputs[i])
+    return log_likelihood
 
 
 def _shifted(past: Array, newest: Array) -> Array:

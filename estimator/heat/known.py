@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.arrays import DAY, Array, Indices
 from estimator.heat.sun import FACES, Geometry, Location, clear_sky, geometry, split, sun
-from estimator.heat.terms import CLEAR, DIFFUSE, HABIT_HOURS, HORIZONTAL, SUN_HOURS, sun_channel
+from estimator.heat.terms import CLEAR, DIFFUSE, HABIT, HABIT_HOURS, HORIZONTAL, SUN_HOURS, sun_channel
 from estimator.network.network import Network
 
 _RESOLUTION = 600.0
@@ -39,14 +39,20 @@ class _Timely(NamedTuple):
     """What depends on the time alone, of L intervals."""
 
     light: Geometry
-    clear: Array
-    """(L,): mean horizontal irradiance under a clear sky [W/m2]."""
-    habits: Array
-    """(L, 8): by HABIT_HOURS."""
-    off: Array
-    """(L,): as in `LocalTime`."""
+    alone: Array
+    """(L, 22): series that depend on nothing else, by _ALONE."""
     shares: Array
     """(L, 5): by SUN_HOURS."""
+
+
+_LIGHT = (HORIZONTAL, DIFFUSE, *FACES)
+_ALONE = (
+    *(f"{HABIT}{hour:02}" for hour in HABIT_HOURS),
+    *(f"{HABIT}weekend_{hour:02}" for hour in HABIT_HOURS),
+    *(CLEAR + name for name in _LIGHT),
+)
+_OF_SUN = (*_LIGHT, *(f"sun_{hour:02}" for hour in SUN_HOURS))
+"""Series, in the order of columns."""
 
 
 class KnownHeat:
@@ -59,9 +65,10 @@ class KnownHeat:
         self._calendar, self._location = calendar, location
         channel = sun_channel(network)
         self._sun = None if channel is None else network.inputs.index(channel)
-        self._series = tuple(dict.fromkeys(term.series for term in network.terms))
-        self._columns = [self._series.index(term.series) for term in network.terms]
-        self._clear = any(name.startswith(CLEAR) for name in self._series)
+        known = (*network.inputs, *_ALONE, *(() if self._sun is None else _OF_SUN))
+        self._columns = np.array(
+            [known.index(name) for name in (*network.inputs, *(term.series for term in network.terms))], dtype=np.int64
+        )
         parts = max(1, round(period / _RESOLUTION))
         self._parts = (np.arange(parts) + 0.5) * self._period / parts
         self._of_day = lru_cache(_DAYS_KEPT)(self._computed_of_day)
@@ -72,21 +79,14 @@ class KnownHeat:
         `times` (L,) [UTC s] are the beginnings of the intervals over which the inputs are held; f is the mean over the
         interval. Without terms these are the inputs themselves.
         """
-        if not self._columns:
+        if not self._network.terms:
             return inputs
         timely = self._timely(np.asarray(times, dtype=np.float64))
-        known = {HORIZONTAL: np.maximum(inputs[:, self._sun], 0.0)} if self._sun is not None else {}
-        if self._location is not None:
-            known |= _light(timely.light, known[HORIZONTAL]) if known else {}
-            if self._clear:
-                known |= {CLEAR + name: part for name, part in _light(timely.light, timely.clear).items()}
-        for place, hour in enumerate(HABIT_HOURS):
-            known[f"habit_{hour:02}"] = timely.habits[:, place]
-            known[f"habit_weekend_{hour:02}"] = timely.habits[:, place] * timely.off
+        known = [inputs, timely.alone]
         if self._sun is not None:
-            for place, hour in enumerate(SUN_HOURS):
-                known[f"sun_{hour:02}"] = timely.shares[:, place] * known[HORIZONTAL]
-        return np.column_stack([inputs, *(known[self._series[column]] for column in self._columns)])
+            horizontal = np.maximum(inputs[:, self._sun], 0.0)
+            known += [_light(timely.light, horizontal), timely.shares * horizontal[:, None]]
+        return np.concatenate(known, axis=1).take(self._columns, axis=1)
 
     def _timely(self, times: Array) -> _Timely:
         """What depends on `times` (L,) alone; computed for a day at once where they lie on the grid of the period, in
@@ -109,9 +109,9 @@ class KnownHeat:
         local = self._calendar(times + self._period / 2.0)
         # Where nobody knows the location, nothing asks for the light.
         position = sun(times[:, None] + self._parts, self._location or Location(0.0, 0.0))
-        return _Timely(
-            geometry(position), clear_sky(position), _periodic_hats(local.hour), local.off, _hats(local.standard_hour)
-        )
+        light, habits = geometry(position), _periodic_hats(local.hour)
+        alone = [habits, habits * local.off[:, None], _light(light, clear_sky(position))]
+        return _Timely(light, np.concatenate(alone, axis=1), _hats(local.standard_hour))
 
 
 def _at(timely: _Timely, places: Indices) -> _Timely:
@@ -127,10 +127,11 @@ def _joined(each: Sequence[_Timely]) -> _Timely:
     return _Timely(joined, *(np.concatenate(rows) for rows in others))
 
 
-def _light(over: Geometry, horizontal: Array) -> dict[str, Array]:
-    """The mean `horizontal` irradiance (L,) [W/m2], and what of it falls on each face and is diffuse."""
+def _light(over: Geometry, horizontal: Array) -> Array:
+    """(L, 6): by _LIGHT, the mean `horizontal` irradiance (L,) [W/m2], what of it is diffuse, and what falls on each
+    face."""
     light = split(over, horizontal)
-    return {HORIZONTAL: horizontal, DIFFUSE: light.diffuse} | {face: light.beam[face] for face in FACES}
+    return np.column_stack([horizontal, light.diffuse, *(light.beam[face] for face in FACES)])
 
 
 def _periodic_hats(hours: Array) -> Array:
