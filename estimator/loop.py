@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.arrays import DAY, Array
-from estimator.diagnosis.diagnose import diagnose, due
+from estimator.diagnosis.diagnose import EVERY, diagnose, due
 from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record, no_record, with_sample
 from estimator.diagnosis.telemetry import lies
@@ -143,7 +143,7 @@ class Loop:
         self.estimator = estimator
         self.history_end = -math.inf
         """UTC s up to which samples are history that nobody lives through. Live forecasts, which cost more than all
-        else, are then made seldom before its last weeks: what they prove is forgotten within these."""
+        else, are then made seldom before its last weeks: what they prove is forgotten within these. So are findings."""
         self.verification = Verification(estimator)
         self.as_issued = AsIssued(estimator.period)
         self.live = LiveForecasts(estimator, seed, to_come)
@@ -211,7 +211,8 @@ class Loop:
             assert after.standing is not None
             if after.standing.state is not standing.state:
                 ahead = estimator.predictive(after.standing.state)
-        if not self._single_steps and due(estimator.network, before, record, time, int(estimator.period), self._seed):
+        period, every = int(estimator.period), EVERY * (_SELDOM if self.long_ago(time) else 1)
+        if not self._single_steps and due(estimator.network, before, record, time, period, self._seed, every):
             after = after._replace(diagnosis=self.diagnose(after))
         scored = carried.standing.forecast if continues and carried.standing is not None else None
         return Step(after, posterior, started, scored, ahead)
@@ -342,8 +343,12 @@ class Loop:
     def _issues(self, time: int) -> bool:
         """Whether live forecasts from a state at `time` [UTC s] are made and verified: every hour, and seldom in a long
         history."""
-        seldom = time < self.history_end - _LAST_WEEKS and time // 3600 % _SELDOM != self._seed % _SELDOM
+        seldom = self.long_ago(time) and time // 3600 % _SELDOM != self._seed % _SELDOM
         return issued_at(time, self.estimator.period, self._seed) and not seldom
+
+    def long_ago(self, time: int) -> bool:
+        """Whether `time` [UTC s] lies in a long history, before its last weeks."""
+        return time < self.history_end - _LAST_WEEKS
 
     def ahead(self, carried: Carried, start: int, rows: Array, known: Sequence[str] = ()) -> Ahead:
         """Drive `rows` (h, n_u + m) from `start` [UTC s] on, in which the inputs `known` are not foreseen by the zone

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import HOUR, Array, together, under
+from estimator.arrays import HOUR, Array, Indices, together, under
 from estimator.bank.coverage import Widths, no_widths, with_place
 from estimator.bank.mixing import mixed, mixed_futures, stretched
 from estimator.bank.options import BankOptions, prior_at
@@ -152,7 +152,10 @@ class Bank:
             member.predict(own, inputs[columns])
             for member, own, columns in zip(self.members, state.members, self._columns, strict=True)
         )
-        now = np.vstack([self._weights(state), np.exp(state.widths.log_scale), self._reaches(state)])
+
+        def now() -> Array:
+            return np.vstack([self._weights(state), np.exp(state.widths.log_scale), self._reaches(state)])
+
         pending = self._hindsight.advance(state.pending, inputs, members, int(state.phase), now)
         return state._replace(members=members, pending=pending)
 
@@ -254,7 +257,21 @@ class Bank:
         now = self.predictive(issue)
         if not len(plan):
             return Mixtures.of_one(now)
-        return self._futures(issue, plan).after(now)
+        return self.futures(issue, plan, np.arange(1, len(plan) + 1)).after(now)
+
+    def futures(self, state: BankState, plan: Array, after: Indices) -> Mixtures:
+        """The mixtures of the members' futures after so many rows (L,) of `plan` (h, n_u), at least one."""
+        shares = between(self._weights(state), self.leads, np.arange(2, len(plan) + 2, dtype=np.float64))
+        chosen, leads = np.flatnonzero(shares.max(axis=1) >= _NEGLIGIBLE), np.asarray(after + 1.0)
+        shares = shares[chosen][:, after - 1]
+        shares = shares / shares.sum(axis=0)
+        futures = []
+        for place in chosen.tolist():
+            member = self.members[place]
+            issue = member.issue(state.members[place], self.options.scenarios)
+            futures.append(member.unfold(issue, plan[:, self._columns[place]]).during(after))
+        scales, reaches = (between(row, self.leads, leads) for row in (state.widths.log_scale, self._reaches(state)))
+        return mixed_futures(futures, shares, np.exp(scales), reaches)
 
     def draws(self, state: BankState, count: int) -> ModelDraws | None:
         """Those of the member that `plans` names and that is trusted most a few hours ahead; None where no member has
@@ -320,20 +337,6 @@ class Bank:
             lost=arrays["lost"],
             phase=arrays["phase"],
         )
-
-    def _futures(self, state: BankState, plan: Array) -> Mixtures:
-        """The mixtures of the members' futures after each row of `plan` (h, n_u), h > 0."""
-        leads = np.arange(2, len(plan) + 2, dtype=np.float64)
-        shares = between(self._weights(state), self.leads, leads)
-        chosen = np.flatnonzero(shares.max(axis=1) >= _NEGLIGIBLE)
-        shares = shares[chosen] / shares[chosen].sum(axis=0)
-        futures = []
-        for place in chosen.tolist():
-            member = self.members[place]
-            issue = member.issue(state.members[place], self.options.scenarios)
-            futures.append(member.unfold(issue, plan[:, self._columns[place]]).during(slice(1, None)))
-        scales, reaches = (between(row, self.leads, leads) for row in (state.widths.log_scale, self._reaches(state)))
-        return mixed_futures(futures, shares, np.exp(scales), reaches)
 
     def _told(self, state: BankState) -> tuple[list[Mixture], Mixture]:
         """The members' distributions of the sample at the state's time, and what is published of them."""

@@ -30,14 +30,14 @@ _MORE_POWER = 1.5
 """Factor by which the largest heating must grow for a diagnosis out of turn: the first heating is such a time."""
 
 
-def due(network: Network, before: Record, after: Record, time: int, period: int, seed: int) -> bool:
+def due(network: Network, before: Record, after: Record, time: int, period: int, seed: int, every: int = EVERY) -> bool:
     """Whether the sample at `time` [UTC s], which took the record from `before` to `after`, calls for a diagnosis.
 
     That depends on the samples alone, so that a zone that is restored finds the same at the same samples. `seed`
-    spreads the zones of a site over EVERY.
+    spreads the zones of a site over the s that pass between two: `every`.
     """
-    phase = seed % EVERY
-    if (time + phase) // EVERY != (time + period + phase) // EVERY:
+    phase = seed % every
+    if (time + phase) // every != (time + period + phase) // every:
         return True
     heat = [network.inputs.index(channel) for channel in known_heat(network)]
     return bool((after.largest[heat] > _MORE_POWER * before.largest[heat]).any())

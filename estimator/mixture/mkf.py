@@ -218,7 +218,7 @@ class MKF(OneState):
         model, options = self._model, self.options
         rows, gains = model.states + model.gains, slice(model.states, model.states + model.gains)
         watts = np.concatenate([np.ones(model.states), np.full(model.gains, WATTS)])
-        weights, covariances = np.exp(state.log_weights), unpack(state.covariance)[:, :rows, :rows]
+        weights, covariances = np.exp(state.log_weights), unpack(state.covariance[: packed(rows, 0)])
         mean, covariance = mixture_moments(weights, state.mean[:rows], covariances)
         start = self.issue(state, count)
         alpha, variance = np.exp(start.log_alpha), np.full((rows, count), options.process_sd**2)
@@ -380,8 +380,9 @@ class MKF(OneState):
         on = float(shares.sum())
         quantiles = np.zeros(len(LEVELS))
         if on > 0.0:
-            at = self._model.states
-            means, sds = state.mean[at], np.sqrt(np.maximum(state.covariance[packed(at, at)], _OFF_SD**2))
+            at, there = self._model.states, np.flatnonzero(shares)
+            variances, shares = state.covariance[packed(at, at), there], shares[there]
+            means, sds = state.mean[at, there], np.sqrt(np.maximum(variances, _OFF_SD**2))
             below = float((shares * ndtr(-means / sds)).sum())
             begin, above = below > LEVELS, LEVELS - (1.0 - on)
             # The other levels fall on the share 1 - on of the mixture that stands at 0.

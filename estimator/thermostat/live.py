@@ -519,10 +519,13 @@ class LiveForecasts:
                 found[place] = self._under(live, courses, shares, thermostat, told[place], leads)
         for place in (np.flatnonzero(chosen[len(GUESSES) :]) + len(GUESSES)).tolist():
             planned = ahead.yesterday if FUTURES[place] == "heat-of-yesterday" else rows
-            asked = state if self._bank is None or place != _BY_REGRESSION else self._bank.by_regression(state)
-            issue = self._estimator.issue(asked, count if count == _TRIED else self._estimator.forecast_draws)
             after = _steps(leads)
-            outputs = self._estimator.unfold(issue, planned).during(after)
+            if self._bank is None:
+                issue = self._estimator.issue(state, count if count == _TRIED else self._estimator.forecast_draws)
+                outputs = self._estimator.unfold(issue, planned).during(after)
+            else:
+                asked = self._bank.by_regression(state) if place == _BY_REGRESSION else state
+                outputs = self._bank.futures(asked, planned, after)
             found[place] = outputs, partial(_planned_heat, planned[after - 1], thermostat.laws)
         return found
 

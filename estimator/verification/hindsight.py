@@ -5,7 +5,7 @@ come, the sample is unfolded under the inputs that really followed, and the dist
 So a model is judged by what it makes of the inputs, not by how well anybody foresaw them.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -81,7 +81,12 @@ class Hindsight:
         return Pending(0, np.zeros((0, self._width)), ())
 
     def advance(
-        self, pending: Pending, inputs: Array, states: Sequence[Any], phase: int, note: Array = NOTHING
+        self,
+        pending: Pending,
+        inputs: Array,
+        states: Sequence[Any],
+        phase: int,
+        note: Callable[[], Array] | None = None,
     ) -> Pending:
         """One step on under `inputs` (n_u,): `states` are the members', predicted to the new step.
 
@@ -91,7 +96,7 @@ class Hindsight:
         issues = tuple(issue for issue in pending.issues if step - issue.step < longest)
         if step % self.every == phase % self.every and longest > 1:
             samples = tuple(member.issue(state, SAMPLES) for member, state in zip(self._members, states, strict=True))
-            issues = (*issues, Issue(step, samples, note))
+            issues = (*issues, Issue(step, samples, NOTHING if note is None else note()))
         kept = max(1, step - issues[0].step) if issues else 1
         log = np.concatenate([pending.inputs, inputs[None]])
         return Pending(step, log[len(log) - kept :], issues)

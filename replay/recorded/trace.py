@@ -30,7 +30,8 @@ LEVELS = (0.025, 0.5, 0.975)
 """Quantiles of parameters, heat loss and fans."""
 
 EVERY = 6 * HOUR
-"""s between two looks at the posterior: quantiles of thousands of particles cost tens of ms."""
+"""s between two looks at the posterior: quantiles of thousands of particles cost tens of ms. Before the last weeks of a
+long history there is one a day, and no forecast of a day, of which the report shows those of the last month."""
 
 
 _ROOM_DAYS = 28
@@ -219,7 +220,8 @@ class Tracer:
 
     def _look(self, update: Update) -> None:
         period = self._worker.period
-        if self._worker.estimator.physical and update.time // EVERY != (update.time + period) // EVERY:
+        every = DAY if self._worker.loop.long_ago(update.time) else EVERY
+        if self._worker.estimator.physical and update.time // every != (update.time + period) // every:
             summary = self._worker.parameters(LEVELS)
             if summary is not None:
                 self._looks.append(update.time)
@@ -230,6 +232,8 @@ class Tracer:
         """Unfold the forecast of this day when the day has passed, and issue that of the next."""
         period, standing = self._worker.period, self._worker.standing
         last = update.time + period
+        if self._worker.loop.long_ago(update.time):
+            return
         self._followed[update.time] = held
         if self._local(last) % DAY or standing is None:
             return

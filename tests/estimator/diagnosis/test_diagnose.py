@@ -168,6 +168,8 @@ def test_a_diagnosis_is_due_every_few_hours_and_at_the_first_heating():
     assert len(times) == 86400 // EVERY
     other = [time for time in range(0, 86400, 600) if due(net, quiet, quiet, time, 600, 7 + 3600)]
     assert set(times).isdisjoint(other), "zones of a site take turns"
+    seldom = [time for time in range(0, 7 * 86400, 600) if due(net, quiet, quiet, time, 600, 7, 7 * EVERY)]
+    assert len(seldom) == 4
     heated = quiet._replace(largest=np.array([0.0, 2000.0]))
     assert due(net, quiet, heated, 600, 600, 0)
     assert not due(net, heated, heated._replace(largest=np.array([0.0, 2200.0])), 600, 600, 0)

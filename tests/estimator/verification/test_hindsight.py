@@ -59,7 +59,7 @@ def test_pending_forecasts_survive_as_arrays():
     for k in range(20):
         given = np.array([3.0, 100.0 * k])
         state, own = EKF.predict(state, given), arx.predict(own, given)
-        pending = hindsight.advance(pending, given, [state, own], 0, np.array([k, 0.5]))
+        pending = hindsight.advance(pending, given, [state, own], 0, lambda k=k: np.array([k, 0.5]))
     back = hindsight.unpack(hindsight.pack(pending))
     assert back.step == pending.step
     assert [issue.step for issue in back.issues] == [issue.step for issue in pending.issues]
