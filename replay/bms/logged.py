@@ -19,6 +19,7 @@ import tomli_w
 from adapters.fields.times import written_time
 from replay.bms.control import create_control
 from replay.bms.living.calendar import ZONE
+from replay.bms.living.thermostats import Relay
 from replay.bms.simulation import Simulation
 from replay.localtime import DAY
 from replay.simulated.weather import KONSTANZ
@@ -154,12 +155,16 @@ def _zone(
     read = weather | rooms[index]
     set_point = read.pop("setpoint")
     read |= {f"T_adj_{building.rooms[other].name}": rooms[other]["T_i"] for other in building.neighbours(index)}
+    channels = {name: _channel(column) for name, column in read.items()}
+    if isinstance(building.rooms[index].thermostat, Relay):
+        # A relay answers to the room within a period: with the mean over it, heating seems to do less.
+        channels["T_i"]["aggregate"] = "first"
     return {
         "id": building.rooms[index].name,
         "period": "15min",
         "network": "auto",
         "floor_area": _FLOOR_AREA,
-        "channels": {name: _channel(column) for name, column in read.items()},
+        "channels": channels,
         "setpoint": _channel(set_point),
     }
 
