@@ -2,14 +2,18 @@
 
 Starts the living demo on a free port, lets it run for a while, and photographs the overview and a room with the
 browser that the tests use. CI runs it into a folder of its own, so that the pictures in the documentation can always be
-made again.
+made again. With --recordings it also photographs the report of a measured room, which anybody can download
+(docs/benchmark.md).
 """
 
 import argparse
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
@@ -17,6 +21,8 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from support.browser import browser, drag, eventually
 from support.harness import ROOT
 from support.living_demo import demo
+
+import thermogate as tg
 
 PHOTOGRAPHED = (
     # name, path, width, height, colours, language
@@ -31,13 +37,31 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Photograph the page of the living demo.")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images", help="folder of the pictures")
     parser.add_argument("--seconds", type=float, default=60.0, help="how long the demo runs before")
+    parser.add_argument("--recordings", type=Path, help="folder with rooms/ou44.csv, for the picture of a report")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     with demo() as living:
         time.sleep(arguments.seconds)
         _photograph(living.url, arguments.out)
     print("\n".join(str(arguments.out / f"{name}.png") for name, *_ in PHOTOGRAPHED))
+    if arguments.recordings is not None:
+        print(_report(arguments.recordings, arguments.out / "report.png"))
     return 0
+
+
+def _report(folder: Path, out: Path) -> Path:
+    """Photograph the beginning of the report of a room of the university building OU44."""
+    rows = pd.read_csv(folder / "rooms" / "ou44.csv", index_col="time", parse_dates=True)
+    room = rows[rows["room"] == "22-508-1"].tz_localize("UTC")
+    table = room.assign(valve=10.0 * room["valve_pct"])[["T_room", "T_out", "valve", "GHI"]]
+    table.columns = pd.Index(["T_i", "T_out", "u_heat", "I_sol"])
+    model = tg.fit(table, latitude=55.4, longitude=10.4, tz="Europe/Copenhagen", progress=False)
+    with tempfile.TemporaryDirectory() as made, browser() as launched:
+        report = model.report(Path(made) / "OU44.html")
+        page = launched.new_page(viewport={"width": 1280, "height": 900})
+        page.goto(report.as_uri())
+        page.screenshot(path=out)
+    return out
 
 
 def _photograph(url: str, out: Path) -> None:

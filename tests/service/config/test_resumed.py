@@ -44,11 +44,12 @@ def test_a_bank_goes_on_with_other_priors_but_not_with_other_members(tmp_path: P
 
 @pytest.mark.parametrize("network", ["tite", "auto"])
 @pytest.mark.parametrize("given", [{}, {"estimator": "bank", "estimator_options": {"discount": 0.99}}])
+@pytest.mark.parametrize("before_that", [0, 1])
 def test_a_zone_with_state_of_the_former_members_goes_on_with_them(
-    tmp_path: Path, network: str, given: dict[str, Any]
+    tmp_path: Path, network: str, given: dict[str, Any], before_that: int
 ) -> None:
     table = {"network": network, **given}
-    former = former_members(load(written(tmp_path, **table)).zones[0].network)
+    former = former_members(load(written(tmp_path, **table)).zones[0].network)[before_that]
     options = {**given.get("estimator_options", {}), "members": former}
     before = load(written(tmp_path, **{**table, "estimator": "bank", "estimator_options": options}))
     learned(before, 0)
@@ -63,7 +64,7 @@ def test_a_zone_with_state_of_the_former_members_goes_on_with_them(
 
 
 def test_members_that_are_named_are_those_of_the_zone_whatever_is_stored(tmp_path: Path) -> None:
-    former = former_members(load(written(tmp_path)).zones[0].network)
+    former = former_members(load(written(tmp_path)).zones[0].network)[0]
     named = {"estimator": "bank", "estimator_options": {"members": {"near": {"estimator": "ekf"}}}}
     learned(load(written(tmp_path, estimator="bank", estimator_options={"members": former})), 0)
     assert list(load(written(tmp_path, **named)).zones[0].options.members) == ["near"]
