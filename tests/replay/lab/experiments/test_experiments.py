@@ -112,7 +112,8 @@ def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(day: Path) -
         _, said = process.communicate(timeout=180)
     kept = {path.name for path in (day / "runs").iterdir()}
     assert process.returncode == 130
-    assert said.endswith("the same command goes on from there\n")
+    # What Python's own tracker of semaphores says of an interrupted start may follow.
+    assert said.splitlines()[0].endswith("the same command goes on from there")
     assert "Traceback" not in said
     assert 1 <= len(kept) < 14
     assert all(name.endswith(".npz") for name in kept)
