@@ -173,7 +173,7 @@ class Bank:
         before = self._weights(state)
         after = self._learned(state, before, outputs, due, verified) if known else state
         after = self._members_after(after, posteriors, vanished, outputs, due)
-        best = self._physical(self._weights(after))
+        best = self._most_trusted(self._weights(after))
         return posteriors[self._voice]._replace(
             state=after,
             outcome=next((p.outcome for p in posteriors if p.outcome is not Outcome.VANISHED), Outcome.VANISHED),
@@ -219,7 +219,7 @@ class Bank:
         """Draws from every member that `plans` names and that counts."""
         weights = self._weights(state)
         now = weights[:, self.compared]
-        told = {self._physical(weights)}
+        told = {self._most_trusted(weights)}
         knowing = [place for place in np.flatnonzero(self.plans).tolist() if self.members[place].network.terms]
         if knowing:
             # Whatever it weighs: nobody else tells of sun and habits.
@@ -277,7 +277,7 @@ class Bank:
         """Those of the member that `plans` names and that is trusted most a few hours ahead; None where no member has
         physics."""
         now = self._weights(state)
-        best = self._physical(now)
+        best = self._most_trusted(now)
         drawn = self.members[best].draws(state.members[best], count)
         if drawn is None:
             return None
@@ -421,7 +421,7 @@ class Bank:
                 lost[place] = 0.0
         return state._replace(members=tuple(members), lost=lost)
 
-    def _physical(self, now: Array) -> int:
+    def _most_trusted(self, now: Array) -> int:
         """The member that `plans` names and that is trusted most a few hours ahead."""
         fit = np.flatnonzero(self.plans).tolist()
         return max(fit or range(len(self.members)), key=lambda place: now[place, self.compared])

@@ -589,10 +589,9 @@ class LiveForecasts:
         them with under plans of heat."""
         if self._bank is None or not self._members:
             return np.ones((len(self._members), len(self.leads)))
-        everyone = self._bank.member_weights(self._bank.answering_plan(state))
-        own = between(
-            np.array(list(everyone.values()))[self._places], self._bank.leads, np.array(self.leads, dtype=np.float64)
-        )
+        asked = self._bank.answering_plan(state)
+        everyone = np.array(list(self._bank.member_weights(asked).values()))[self._places]
+        own = between(everyone, self._bank.leads, np.array(self.leads, dtype=np.float64))
         return np.maximum(own / own.sum(axis=0), _LEAST_TRUSTED)
 
     def _shares(self, live: Live, state: Any) -> Array:

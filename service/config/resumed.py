@@ -34,8 +34,11 @@ def _former(zone: ZoneConfig) -> list[ZoneConfig]:
         networks += [heated(bare, zone, nowhere, (), Problems({})), *([] if "members" in given else [bare])]
     found = [_with(zone, network, given) for network in networks[1:]]
     if zone.estimator == DEFAULT_ESTIMATOR and "members" not in given:
-        members = [(network, former) for network in networks for former in former_members(network)]
-        found += [_with(zone, network, {**given, "members": former}) for network, former in members]
+        found += [
+            _with(zone, network, {**given, "members": former})
+            for network in networks
+            for former in former_members(network)
+        ]
     return found
 
 

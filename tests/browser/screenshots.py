@@ -23,6 +23,7 @@ from support.harness import ROOT
 from support.living_demo import demo
 
 import thermogate as tg
+from replay.lab.experiments.rooms import read_room
 
 PHOTOGRAPHED = (
     # name, path, width, height, colours, language
@@ -51,11 +52,13 @@ def main() -> int:
 
 def _report(folder: Path, out: Path) -> Path:
     """Photograph the beginning of the report of a room of the university building OU44."""
-    rows = pd.read_csv(folder / "rooms" / "ou44.csv", index_col="time", parse_dates=True)
-    room = rows[rows["room"] == "22-508-1"].tz_localize("UTC")
-    table = room.assign(valve=10.0 * room["valve_pct"])[["T_room", "T_out", "valve", "GHI"]]
-    table.columns = pd.Index(["T_i", "T_out", "u_heat", "I_sol"])
-    model = tg.fit(table, latitude=55.4, longitude=10.4, tz="Europe/Copenhagen", progress=False)
+    recording = read_room("OU44 22-508-1", folder)
+    assert recording is not None, f"{folder} holds no recording of OU44"
+    series, where = recording.series, recording.whereabouts
+    assert where.location is not None
+    times = pd.to_datetime(series.times, unit="s", utc=True)
+    table = pd.DataFrame(series.inputs, times, columns=list(recording.network.inputs)).assign(T_i=series.outputs[:, 0])
+    model = tg.fit(table, tz=where.time_zone, progress=False, **where.location._asdict())
     with tempfile.TemporaryDirectory() as made, browser() as launched:
         report = model.report(Path(made) / "OU44.html")
         page = launched.new_page(viewport={"width": 1280, "height": 900})
