@@ -12,6 +12,7 @@ from adapters.fields.words import printable
 from adapters.messages.config import MessageChannelConfig, quality_word
 from adapters.payload import senml
 from adapters.payload.json_pointer import MISSING, numbers, resolve, written
+from adapters.payload.objects import KeyTwice, distinct
 from adapters.payload.times import NaiveTime, parse_time
 from adapters.reading import Fault, Quality
 
@@ -105,7 +106,9 @@ def _document(payload: Payload) -> Any:
     if not text:
         raise _Refusal(Fault.NOT_AVAILABLE, "is empty")
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=distinct)
+    except KeyTwice as error:
+        raise _Refusal(Fault.NON_NUMERIC, str(error)) from None
     except (ValueError, RecursionError):
         raise _Refusal(Fault.NON_NUMERIC, f"{shown(payload.content)!r} is not JSON") from None
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from adapters.errors import SourceUnavailable
 from adapters.fields.words import printable
+from adapters.payload.objects import KeyTwice, distinct
 from adapters.weather.forecast import Array, WeatherForecast, WeatherSeries, series_of
 
 LONGEST = 4 * 10**6
@@ -32,7 +33,9 @@ def parse(text: bytes, arrived: float) -> WeatherForecast:
     if len(text) > LONGEST:
         raise SourceUnavailable(f"the document is longer than {LONGEST} bytes; ask for fewer series or fewer days")
     try:
-        document = json.loads(text)
+        document = json.loads(text, object_pairs_hook=distinct)
+    except KeyTwice as error:
+        raise SourceUnavailable(f"the document {error}") from None
     except (ValueError, RecursionError) as error:
         raise SourceUnavailable(f"this is not JSON ({error})") from None
     if not isinstance(document, dict):

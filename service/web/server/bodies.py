@@ -8,6 +8,7 @@ from http import HTTPStatus
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from adapters.payload.objects import KeyTwice, distinct
 from service.web.server.refusal import CLOSE, RequestRefused
 
 AT_ONCE = 16
@@ -20,6 +21,9 @@ MAX_ITEMS = 100_000
 """Values in a JSON body. Each wrong one costs a validation error, and the event loop waits meanwhile."""
 
 RETRY_SECONDS = 5
+
+PACKED = b"\x1f\x8b"
+"""How a body begins that is packed with gzip, and no JSON does."""
 
 _SURROGATE = re.compile(rb"\\u[dD][89a-fA-F]")
 
@@ -62,7 +66,7 @@ class GatherBody:
                 self._check(client, len(body))
             ended = True
             # A packed body is unpacked by its route.
-            if "json" in headers.get("content-type", "") and "content-encoding" not in headers:
+            if "json" in headers.get("content-type", "").lower() and not body.startswith(PACKED):
                 check_json(bytes(body))
             return {"type": "http.request", "body": bytes(body), "more_body": False}
 
@@ -99,21 +103,13 @@ def check_json(body: bytes) -> None:
         sentence = f"the body has more than {MAX_ITEMS} values; send fewer at a time"
         raise RequestRefused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, [sentence])
     try:
-        document = json.loads(body, object_pairs_hook=_distinct)
-        if _SURROGATE.search(body):
+        document = json.loads(body, object_pairs_hook=distinct)
+        if not body.isascii() or b"\0" in body or _SURROGATE.search(body):
             json.dumps(document, ensure_ascii=False).encode()
     except UnicodeEncodeError:
         sentence = "the body has half a character in it, such as \\ud800; send text that is Unicode"
         raise RequestRefused(HTTPStatus.BAD_REQUEST, [sentence]) from None
+    except KeyTwice as error:
+        raise RequestRefused(HTTPStatus.BAD_REQUEST, [f"the body {error}"]) from None
     except (ValueError, RecursionError):
         pass  # For the application to explain.
-
-
-def _distinct(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    """An object of JSON; RequestRefused if it has a key twice: programs would read two things out of it."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        ((name, _),) = Counter(name for name, _ in pairs).most_common(1)
-        sentence = f"the body has the key {name[:60]!r} twice; give it once"
-        raise RequestRefused(HTTPStatus.BAD_REQUEST, [sentence])
-    return found

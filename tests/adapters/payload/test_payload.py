@@ -60,6 +60,12 @@ def test_what_is_not_a_number_is_refused_in_one_sentence(payload):
     assert "\n" not in refused.sentence
 
 
+@pytest.mark.parametrize("written", [form(value="/v"), senml()])
+def test_a_key_that_is_there_twice_says_two_things_and_so_none(written):
+    refused = one(b'{"n": "a", "v": 20, "v": 90}', written)
+    assert refused == Rejected(Fault.NON_NUMERIC, "has the key 'v' twice; give it once")
+
+
 @pytest.mark.parametrize(
     ("payload", "written", "expected"),
     [

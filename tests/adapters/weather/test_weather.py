@@ -67,6 +67,7 @@ def test_finer_series_count_and_a_document_may_say_when_it_was_issued() -> None:
     [
         (b"<html>", "this is not JSON"),
         (b"[" * 100_000, "this is not JSON"),
+        (b'{"hourly": {}, "hourly": {}}', "has the key 'hourly' twice"),
         (b"[]", "no JSON object"),
         (b"{}", "the document has no series"),
         (b'{"error": true, "reason": "latitude is missing"}', "the service refuses: latitude is missing"),

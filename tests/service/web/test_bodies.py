@@ -25,8 +25,8 @@ def app() -> FastAPI:
     return create_app("htwg", zones, Metrics(zones).registry)
 
 
-def sent(app: FastAPI, body: bytes) -> httpx.Response:
-    return request(app, "POST", PLAN, content=body, headers={"Content-Type": "application/json"})
+def sent(app: FastAPI, body: bytes, **headers: str) -> httpx.Response:
+    return request(app, "POST", PLAN, content=body, headers={"Content-Type": "application/json", **headers})
 
 
 WRONG: dict[str, Callable[[int], dict[str, Any]]] = {
@@ -64,10 +64,27 @@ def test_one_request_is_answered_in_few_sentences(app: FastAPI, case: str, count
         (b'{"horizon":"\\ud83d\\ude00"}', 422, "\N{GRINNING FACE}"),
         (b'{"horizon":"1h","horizon":"2h"}', 400, "twice; give it once"),
         (b'{"horizon":"1h","inputs":{"u":1,"u":2}}', 400, "twice; give it once"),
+        ('{"horizon":"1h","inputs":{"\\udabc":1}}'.encode("utf-16"), 400, "half a character"),
+        (b'{"horizon":"1h","inputs":{"\xed\xa0\x80":1}}', 400, "half a character"),
     ],
 )
 def test_odd_json_is_the_clients_mistake(app: FastAPI, body: bytes, status: int, sentence: str) -> None:
     assert sentence in problem(sent(app, body), status)["detail"]
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Content-Type": "APPLICATION/JSON"},
+        {"Content-Type": "application/vnd.plan+JSON"},
+        {"Content-Encoding": "identity"},
+        # Nothing unpacks it here, so it is read as it is.
+        {"Content-Encoding": "gzip"},
+    ],
+)
+def test_no_header_spares_json_the_look_at_it(app: FastAPI, headers: dict[str, str]) -> None:
+    twice, much = b'{"horizon":"1h","horizon":"2h"}', b'{"horizon":"1h","levels":[' + b"1," * MAX_ITEMS + b"1]}"
+    assert (sent(app, twice, **headers).status_code, sent(app, much, **headers).status_code) == (400, 413)
 
 
 @pytest.mark.parametrize("body", [b"[" * 19_000, b'{"a":' * 19_000, b"\xff\xfe", b'"\\ud800', b"1e400"])

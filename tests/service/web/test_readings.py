@@ -274,6 +274,9 @@ def test_a_packed_body(app: FastAPI, desk: Desk, key: str) -> None:
     for wrong in (b"a b=1", good[:-4], good + b"more"):
         problem(post(app, wrong, key, **GZIP), 400)
     problem(post(app, b"a b=1", key, **{"Content-Encoding": "br"}), 415)
+    twice = b'{"readings": [], "readings": []}'
+    problem(post(app, gzip.compress(twice), key, JSON, **GZIP), 400)
+    problem(post(app, twice, key, "Application/Json", **{"Content-Encoding": "identity"}), 400)
     assert len(desk.taken) == 1
 
 
