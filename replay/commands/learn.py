@@ -37,9 +37,11 @@ def _learn(arguments: argparse.Namespace) -> int:
     from service.config.load import load_history
     from service.errors import ServiceError
     from service.recordings.history import survey
+    from service.store.ownership import refuse_root
 
     check_period(arguments)
     config = plant = load_config(arguments)
+    refuse_root(config.site.state_dir)
     if arguments.history is not None:
         config = load_history(arguments.config, arguments.history, arguments.overrides)
     require_zones(config, arguments.reset, "--reset")

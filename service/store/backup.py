@@ -156,7 +156,8 @@ def restore_backup(
             with as_owner_of(state_dir) as folder:
                 shutil.rmtree(folder / _UNPACKING, ignore_errors=True)
                 restored = _unpack(file, backup, site, folder / _UNPACKING, public)
-            _check_journal(state_dir / _UNPACKING / JOURNAL, backup)
+            with database(state_dir / _UNPACKING / JOURNAL, alone=True) as journal:
+                _check_journal(journal, f"the journal in {backup}", "backup")
         except BaseException:
             with as_owner_of(state_dir) as folder:
                 shutil.rmtree(folder / _UNPACKING, ignore_errors=True)
@@ -195,12 +196,14 @@ def _copy(state_dir: Path, folder: Path) -> int:
         folder.mkdir()
         steps = _copy_checkpoints(state_dir, folder / CHECKPOINTS)
         with (
-            database(state_dir / JOURNAL, "rw") as source,
+            database(state_dir / JOURNAL) as source,
             closing(sqlite3.connect(folder / JOURNAL)) as copy,
         ):
             # While this reads, the copy is of one moment, and what the daemon commits does not make it begin anew.
             source.execute("BEGIN")
             source.backup(copy)
+            # Only then is it read: a view in the place of a table may have no end.
+            _check_journal(copy, f"the journal {state_dir / JOURNAL}", "state_dir")
             (verdict,) = copy.execute("PRAGMA quick_check(1)").fetchone()
             if verdict != "ok":
                 raise BackupError(f"the journal {state_dir / JOURNAL} is damaged ({verdict}); restore an older backup")
@@ -233,14 +236,13 @@ def _copy_checkpoints(state_dir: Path, folder: Path) -> dict[str, int]:
     return steps
 
 
-def _check_journal(path: Path, backup: Path) -> None:
-    """BackupError where the journal at `path`, out of `backup`, is none that a daemon would open."""
-    with database(path, "rw") as journal:
-        (schema,) = journal.execute("PRAGMA user_version").fetchone()
-        if schema != SCHEMA_VERSION:
-            raise BackupError(other_version(f"the journal in {backup}", schema, SCHEMA_VERSION, "backup"))
-        if (problem := schema_problem(journal)) is not None:
-            raise BackupError(f"{backup} is damaged, or made to do damage: its journal {problem}; use another backup")
+def _check_journal(journal: sqlite3.Connection, place: str, elsewhere: str) -> None:
+    """BackupError where the `journal` at a `place` is none that a daemon would open."""
+    (schema,) = journal.execute("PRAGMA user_version").fetchone()
+    if schema != SCHEMA_VERSION:
+        raise BackupError(other_version(place, schema, SCHEMA_VERSION, elsewhere))
+    if (problem := schema_problem(journal)) is not None:
+        raise BackupError(f"{place} is damaged, or made to do damage: it {problem}; use another {elsewhere}")
 
 
 def unpacked_backup(backup: Path, folder: Path, signed_by: Path | None = None) -> Backup:

@@ -313,7 +313,7 @@ def _newest_first(folder: Path) -> list[Path]:
     # Not by `glob`, which passes over a folder that may not be read, and some that cannot.
     paths = folder.iterdir() if folder.is_dir() else ()
     return sorted(
-        (path for path in paths if path.suffix == ".npz" and path.stem.isdigit()),
+        (path for path in paths if path.suffix == ".npz" and path.stem.isdecimal()),
         key=lambda p: int(p.stem),
         reverse=True,
     )

@@ -3,11 +3,14 @@
 import codecs
 import errno
 import os
+import pwd
 import sqlite3
 import stat
 from collections.abc import Collection, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
+
+from service.errors import ServiceError
 
 
 @contextmanager
@@ -18,7 +21,7 @@ def as_owner_of(folder: Path) -> Iterator[Path]:
     Gives the path by which to reach the folder meanwhile, since the account may not pass the folders above it.
     """
     owner = folder.stat()
-    if os.geteuid() != 0 or owner.st_uid == 0:
+    if not _is_foreign(owner):
         yield folder
         return
     # For names in a checkpoint: by then, Python's own files may be out of reach.
@@ -37,6 +40,24 @@ def as_owner_of(folder: Path) -> Iterator[Path]:
         os.setgroups(groups)
         os.fchdir(here)
         os.close(here)
+
+
+def refuse_root(folder: Path) -> None:
+    """ServiceError where this is root and another account owns `folder`: it could not read what root makes in there."""
+    if folder.is_dir() and _is_foreign(owner := folder.stat()):
+        try:
+            account = f"the account {pwd.getpwuid(owner.st_uid).pw_name}"
+        except KeyError:
+            account = f"account {owner.st_uid}"
+        raise ServiceError(
+            f"{folder} belongs to {account}, which could not read what root learns; run the command as that account, as "
+            "docs/operations.md says under History"
+        )
+
+
+def _is_foreign(folder: os.stat_result) -> bool:
+    """Whether this is root, in a folder of another account."""
+    return os.geteuid() == 0 and folder.st_uid != 0
 
 
 def others_can_change(folder: os.stat_result, trusted: Collection[int]) -> bool:
@@ -64,19 +85,24 @@ def open_plain(path: Path, flags: int = os.O_RDONLY) -> int:
 
 
 @contextmanager
-def database(path: Path, mode: str) -> Iterator[sqlite3.Connection]:
-    """A connection to the SQLite file at `path`, opened in `mode` ("ro" or "rw"); OSError for a link.
+def database(path: Path, *, alone: bool = False) -> Iterator[sqlite3.Connection]:
+    """A connection that only reads the SQLite file at `path`; OSError for a link.
 
-    SQLite follows links, and there may be one by the time that it opens the file. So what it has opened is compared.
+    A journal of another account may be made to do harm: what a file beside it asks for in the name of an interrupted
+    transaction, down to deleting any other file, is done on a connection that writes. Nor is such a file looked at
+    where the database is `alone`, which nobody writes to. And SQLite follows links, of which there may be one by the
+    time that it opens the file. So what it has opened is compared.
     """
     expected = path.lstat()
     if not stat.S_ISREG(expected.st_mode):
         raise _no_plain_file(path)
     before = _open_files()
-    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode={mode}", uri=True)) as connection:
+    how = "mode=ro&immutable=1" if alone else "mode=ro"
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?{how}", uri=True, isolation_level=None)) as connection:
         after = _open_files()
         if (expected.st_dev, expected.st_ino) not in [after[number] for number in after.keys() - before.keys()]:
             raise _no_plain_file(path)
+        connection.execute("PRAGMA trusted_schema = OFF")
         yield connection
 
 

@@ -10,7 +10,7 @@ from service.errors import JournalError, ServiceError
 from service.store.checkpoint import Checkpoint, Checkpoints, CheckpointStore
 from service.store.database import other_version
 from service.store.journal import Journal
-from service.store.journal_file import SCHEMA_VERSION, JournalFile, translated
+from service.store.journal_file import SCHEMA_VERSION, JournalFile, schema_problem, translated
 from service.store.store import CHECKPOINTS, JOURNAL
 
 _log = logging.getLogger(__name__)
@@ -49,6 +49,10 @@ def read_state(state_dir: Path) -> Iterator[StoredState]:
             (version,) = connection.execute("PRAGMA user_version").fetchone()
         if version != SCHEMA_VERSION:
             raise JournalError(other_version(f"the journal {path}", version, SCHEMA_VERSION, "state_dir"))
+        with translated(path):
+            # A view in the place of a table may have no end.
+            if (problem := schema_problem(connection)) is not None:
+                raise JournalError(f"the journal {path} {problem}; `thermogate verify {state_dir}` looks at all of it")
         yield StoredState(Journal(JournalFile(connection, path)), CheckpointStore(state_dir / CHECKPOINTS))
     finally:
         connection.close()

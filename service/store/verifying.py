@@ -48,13 +48,13 @@ def _verify_state(folder: Path) -> Verified:
         raise ServiceError(f"there is no state in {folder}; name the folder that site.state_dir names, or a backup")
     problems: list[str] = []
     samples = rows = 0
-    with translated(path), database(path, "ro") as connection:
-        checked = [row[0] for row in connection.execute("PRAGMA quick_check(5)")]
-        problems += [f"the journal {path}: {damage}" for damage in checked if damage != "ok"]
-        if (strange := schema_problem(connection)) is not None:
-            problems.append(f"the journal {path} {strange}")
+    with translated(path), database(path) as connection:
+        strange = schema_problem(connection)
+        # A view in the place of a table may have no end, nor need the look at a table whose rows are to be computed.
+        checked = [f" {strange}"] if strange else [f": {row[0]}" for row in connection.execute("PRAGMA quick_check(5)")]
+        problems += [f"the journal {path}{damage}" for damage in checked if damage != ": ok"]
         journal = Journal(JournalFile(connection, path))
-        # What was set aside is no longer a chain. A view in the place of a table may have no end.
+        # What was set aside is no longer a chain.
         listed = [] if strange else journal.read("SELECT zone FROM zones ORDER BY zone")
         zones = [zone for (zone,) in listed if not is_aside(zone)]
         for zone in zones:

@@ -1,5 +1,6 @@
 """`thermogate learn`: history into the state of a daemon's zones."""
 
+import os
 import shutil
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 import thermogate as tg
 from replay.recorded import learning
 from replay.recorded.learning import learn
+from service.cli.main import main
 from service.config.fitting import fingerprint, make_worker
 from service.config.load import load, load_history
 from service.errors import ConfigError, ServiceError
@@ -105,6 +107,16 @@ def chunks(monkeypatch):
 def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     return folder, learned(folder)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can write what another account cannot read")
+def test_root_learns_nothing_for_an_account_that_could_not_read_it(tmp_path, capsys):
+    plant, history = written(tmp_path)
+    (tmp_path / "state").mkdir()
+    os.chown(tmp_path / "state", 12345, 12345)
+    assert main(["learn", str(plant), "--from", str(history)]) == 1
+    assert "state belongs to account 12345, which could not read what root learns" in capsys.readouterr().err
+    assert not list((tmp_path / "state").iterdir())
 
 
 def test_the_zone_of_a_live_configuration_stands_where_the_recording_ends(whole):

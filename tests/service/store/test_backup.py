@@ -8,6 +8,7 @@ import os
 import shutil
 import sqlite3
 import stat
+import struct
 import tarfile
 from collections.abc import Iterator
 from contextlib import closing, suppress
@@ -30,6 +31,7 @@ from service.store.journal import Journal
 from service.store.ownership import database
 from service.store.retention import Limits, prune
 from service.store.store import CHECKPOINTS, CONFIGURATION, JOURNAL, RESTORING, Store
+from service.store.verifying import verify
 
 ITEMS = [sample(k) for k in range(60)]
 
@@ -180,6 +182,40 @@ def test_root_backs_up_nothing_that_the_account_may_not_read(kept: Path, tmp_pat
         write_backup(state, "house", tmp_path / "again.tar")
 
 
+@as_root
+def test_root_ends_no_transaction_that_the_account_has_made_up(kept: Path, tmp_path: Path, secret: Path) -> None:
+    """At the end of a rollback SQLite deletes the file that its journal names as that of the whole transaction."""
+    state = tmp_path / "state"
+    with closing(sqlite3.connect(state / JOURNAL)) as journal:
+        (page,) = journal.execute("PRAGMA page_size").fetchone()
+        (pages,) = journal.execute("PRAGMA page_count").fetchone()
+    magic, name = bytes.fromhex("d9d505f920a163d7"), bytes(secret)
+    head = magic + struct.pack(">5I", 0, 0, pages, 512, page)
+    named = struct.pack(">I", 2**30 // page + 1) + name + struct.pack(">2I", len(name), sum(name)) + magic
+    (state / f"{JOURNAL}-journal").write_bytes(head.ljust(512, b"\0") + named)
+    of_another(state)
+    for out in ("one.tar", "two.tar"):
+        with suppress(BackupError):
+            write_backup(state, "house", tmp_path / out)
+    assert secret.exists()
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "DROP TABLE pruned; CREATE VIEW pruned AS WITH RECURSIVE n(time, zone) AS (SELECT 1, 'z' UNION ALL SELECT "
+        "time + 1, zone FROM n) SELECT zone, time FROM n",
+        "ALTER TABLE history ADD COLUMN more CHECK (length(hex(zeroblob(200000000))) > time)",
+    ],
+)
+def test_a_journal_without_end_is_not_read(statement: str, kept: Path, tmp_path: Path) -> None:
+    with closing(sqlite3.connect(tmp_path / "state" / JOURNAL)) as journal:
+        journal.executescript(statement)
+    with pytest.raises(BackupError, match="is damaged, or made to do damage"):
+        write_backup(tmp_path / "state", "house", tmp_path / "out.tar")
+    assert "does not belong into it" in "".join(verify(tmp_path / "state").problems)
+
+
 def test_what_sqlite_opens_is_compared_with_what_was_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The account puts a link in the place of its file just before SQLite opens it."""
     mine, other = tmp_path / "mine", tmp_path / "other"
@@ -193,10 +229,10 @@ def test_what_sqlite_opens_is_compared_with_what_was_looked_at(tmp_path: Path, m
         mine.symlink_to(other)
         return connect(*arguments, **options)
 
-    with database(mine, "ro") as sound:
+    with database(mine) as sound:
         assert sound.execute("SELECT count(*) FROM a").fetchone() == (0,)
     monkeypatch.setattr(sqlite3, "connect", swapped)
-    with pytest.raises(OSError, match="is a link or another kind of file"), database(mine, "ro"):
+    with pytest.raises(OSError, match="is a link or another kind of file"), database(mine):
         pass
 
 
@@ -212,7 +248,7 @@ def test_what_sqlite_opens_is_compared_with_what_was_looked_at(tmp_path: Path, m
     ],
 )
 def test_a_journal_that_would_do_something_of_its_own_is_not_restored(
-    statement: str, told: str, kept: Path, tmp_path: Path
+    statement: str, told: str, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A trigger that ignores every row would have the daemon acknowledge what is never written."""
     state = tmp_path / "state"
@@ -220,7 +256,11 @@ def test_a_journal_that_would_do_something_of_its_own_is_not_restored(
         journal.execute(statement)
     with pytest.raises(JournalError, match=told):
         Store(state)
-    evil = write_backup(state, "house", tmp_path / "evil.tar")
+    with pytest.raises(BackupError, match=told):
+        write_backup(state, "house", tmp_path / "evil.tar")
+    with monkeypatch.context() as blind:
+        blind.setattr(module, "schema_problem", lambda journal: None)
+        evil = write_backup(state, "house", tmp_path / "evil.tar")
     with pytest.raises(BackupError, match=told):
         restore_backup(tmp_path / "new", "house", evil.path, replace=False)
     assert os.listdir(tmp_path / "new") == ["lock"]

@@ -112,6 +112,12 @@ def test_a_folder_that_cannot_be_listed_is_not_an_empty_one(
             ask("living")
 
 
+def test_a_file_whose_name_looks_like_a_number_and_is_none_is_left_alone(store: CheckpointStore) -> None:
+    saved = store.save("living", make(1))
+    saved.with_name("\N{SUPERSCRIPT TWO}.npz").write_bytes(b"")
+    assert store.files("living") == [saved]
+
+
 def test_a_checkpoint_of_another_zone_is_not_taken(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """Zones alike have the same fingerprint."""
     store = CheckpointStore(tmp_path)

@@ -70,6 +70,14 @@ def test_the_zones_with_samples_are_found_without_reading_the_samples(tmp_path: 
     assert not [step for step in steps if "SCAN samples" in step]
 
 
+def test_a_journal_that_is_not_thermogates_is_not_read(tmp_path: Path) -> None:
+    Journal.open(tmp_path / JOURNAL).close()
+    with closing(sqlite3.connect(tmp_path / JOURNAL)) as connection:
+        connection.executescript("DROP TABLE zones; CREATE VIEW zones AS SELECT 1 AS zone, 2 AS fingerprint")
+    with pytest.raises(JournalError, match="has the view 'zones', which does not belong into it"):
+        read_state(tmp_path).__enter__()
+
+
 def test_a_folder_that_nobody_else_may_look_into_has_no_zones_to_tell(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
