@@ -50,7 +50,7 @@ def refuse_root(folder: Path) -> None:
         except KeyError:
             account = f"account {owner.st_uid}"
         raise ServiceError(
-            f"{folder} belongs to {account}, which could not read what root learns; run the command as that account, as "
+            f"{folder} belongs to {account}, which could not read what root learns; run this as that account, as "
             "docs/operations.md says under History"
         )
 
