@@ -34,7 +34,7 @@ from estimator.thermostat import thermostat as thermostats
 from estimator.thermostat.futures import NOTHING_KNOWN, ToCome
 from estimator.thermostat.live import Ahead, Live, LiveForecasts, Now
 from estimator.thermostat.thermostat import Thermostat, no_thermostat
-from estimator.types import Estimator, Mixture, Outcome, Posterior
+from estimator.types import Disturbance, Estimator, Mixture, Outcome, Posterior
 from estimator.verification.as_issued import AsIssued, Issued
 from estimator.verification.hindsight import issued_at
 from estimator.verification.one_step import OneStep, one_step
@@ -111,6 +111,8 @@ class Step(NamedTuple):
 
     carried: Carried
     posterior: Posterior
+    disturbance: Callable[[], Disturbance] | None
+    """That of the posterior, after the step that ended with the sample."""
     started: bool
     """Whether the thermal states began at this sample, which was then not assimilated."""
     scored: OneStep | None
@@ -215,7 +217,15 @@ class Loop:
         if not self._single_steps and due(estimator.network, before, record, time, period, self._seed, every):
             after = after._replace(diagnosis=self.diagnose(after))
         scored = carried.standing.forecast if continues and carried.standing is not None else None
-        return Step(after, posterior, started, scored, ahead)
+        return Step(after, posterior, self._disturbance(posterior, time, inputs), started, scored, ahead)
+
+    def _disturbance(self, posterior: Posterior, time: int, inputs: Array) -> Callable[[], Disturbance] | None:
+        """What `posterior` knows of the unmeasured after the sample at `time`. It depends on the time of the step that
+        ended then, and not on its `inputs` (n_u,)."""
+        told = posterior.disturbance
+        if told is None:
+            return None
+        return lambda: told(self.driving(np.array([float(time - self.estimator.period)]), inputs[None])[0])
 
     def _predicted(
         self, state: Any, verified: Verified | None, issued: Issued, drive: Array

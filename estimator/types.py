@@ -124,9 +124,10 @@ class Disturbance(NamedTuple):
     """What an estimator knows of what it cannot measure, at the levels .025, .5 and .975."""
 
     gain: Array
-    """(3,): unmeasured heat [W] into the first measured node over the last step; NaN without a model of it."""
+    """(3,): unmeasured heat [W] into the first measured node over the last step, that of habits included; NaN without a
+    model of it."""
     probability_on: float
-    """That there is such heat; NaN without a model of it."""
+    """That there is such heat beside that of habits; NaN without a model of it."""
     measurement_sd: Array
     """(n_y, 3): sigma_y [K] of every output."""
 
@@ -165,9 +166,9 @@ class Posterior(NamedTuple):
     resampled: bool = False
     floored: bool = False
     """Whether the parameter covariance had collapsed and was held at its floor."""
-    disturbance: Callable[[], Disturbance] | None = None
-    """Of this update, worked out when asked for: of most members of a bank nobody does. None for an estimator that has
-    no model of disturbances."""
+    disturbance: Callable[[Array], Disturbance] | None = None
+    """Of this update, from the drive row of the step that ended with it, worked out when asked for: of most members of
+    a bank nobody does. None for an estimator that has no model of disturbances."""
     verified: tuple[Verified, ...] = ()
     """Forecasts of this very sample whose time has come, of an estimator that verifies itself."""
 

@@ -12,7 +12,7 @@ What another heating would do, and what is told of the building, is left to memb
 fit for that (`Member.plans`).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -28,7 +28,17 @@ from estimator.network.assembly import assemble, topology
 from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
 from estimator.particle.gate import weighted_quantiles
-from estimator.types import Estimator, Mixture, Mixtures, ModelDraws, Outcome, ParameterSummary, Posterior, Verified
+from estimator.types import (
+    Disturbance,
+    Estimator,
+    Mixture,
+    Mixtures,
+    ModelDraws,
+    Outcome,
+    ParameterSummary,
+    Posterior,
+    Verified,
+)
 from estimator.verification.hindsight import Due, Hindsight, Issue, Pending
 from estimator.verification.scores import distribution, reduced
 
@@ -97,6 +107,9 @@ class Bank:
         fit = [has and options.members[name].plans for name, has in zip(self.names, physical, strict=True)]
         self.plans = np.array(fit if any(fit) else physical)
         """(E,): whose physics is asked what a plan of heating would do, and is told of the building."""
+        knowing = self.plans & np.array([bool(member.network.terms) for member in self.members])
+        self._knowing = knowing if knowing.any() else self.plans
+        """(E,): who of them tells of sun and habits."""
         self.blocks = self.members[self._voice].blocks
         self._hindsight = Hindsight(self.network, self.members, period)
         self._columns = [self.network.columns(member.network) for member in self.members]
@@ -173,13 +186,14 @@ class Bank:
         before = self._weights(state)
         after = self._learned(state, before, outputs, due, verified) if known else state
         after = self._members_after(after, posteriors, vanished, outputs, due)
-        best = self._most_trusted(self._weights(after))
+        now = self._weights(after)
+        best = self._most_trusted(now)
         return posteriors[self._voice]._replace(
             state=after,
             outcome=next((p.outcome for p in posteriors if p.outcome is not Outcome.VANISHED), Outcome.VANISHED),
             log_likelihood=_mixed_likelihood(before[:, 0], posteriors),
             parameters=posteriors[best].parameters[self._entries[best]],
-            disturbance=next((p.disturbance for p in posteriors if p.disturbance is not None), None),
+            disturbance=self._disturbance(now, posteriors),
             verified=verified,
         )
 
@@ -219,11 +233,8 @@ class Bank:
         """Draws from every member that `plans` names and that counts."""
         weights = self._weights(state)
         now = weights[:, self.compared]
-        told = {self._most_trusted(weights)}
-        knowing = [place for place in np.flatnonzero(self.plans).tolist() if self.members[place].network.terms]
-        if knowing:
-            # Whatever it weighs: nobody else tells of sun and habits.
-            told.add(max(knowing, key=now.__getitem__))
+        # Whatever it weighs: nobody else tells of sun and habits.
+        told = {self._most_trusted(weights), self._most_trusted(weights, self._knowing)}
         for place, (member, own) in enumerate(zip(self.members, state.members, strict=True)):
             if self.plans[place] and (now[place] >= _NEGLIGIBLE or place in told):
                 drawn = member.draws(own, _DRAWS)
@@ -421,9 +432,27 @@ class Bank:
                 lost[place] = 0.0
         return state._replace(members=tuple(members), lost=lost)
 
-    def _most_trusted(self, now: Array) -> int:
-        """The member that `plans` names and that is trusted most a few hours ahead."""
-        fit = np.flatnonzero(self.plans).tolist()
+    def _disturbance(self, now: Array, posteriors: Sequence[Posterior]) -> Callable[[Array], Disturbance] | None:
+        """That of the first member with a model of it. Unless `plans` names that one, its heat is told by the member of
+        `_knowing` that is trusted most, by the weights `now` (E, H)."""
+        told = [posterior.disturbance for posterior in posteriors]
+        able = np.array([disturbance is not None for disturbance in told])
+        if not able.any():
+            return None
+        first, knowing = int(able.argmax()), self._knowing & able
+        teller = first if self.plans[first] or not knowing.any() else self._most_trusted(now, knowing)
+        noise, heat = told[first], told[teller]
+        assert noise is not None
+        assert heat is not None
+
+        def disturbance(drive: Array) -> Disturbance:
+            return noise(drive[self._columns[first]])._replace(gain=heat(drive[self._columns[teller]]).gain)
+
+        return disturbance
+
+    def _most_trusted(self, now: Array, among: Array | None = None) -> int:
+        """The member `among` (E,), or that `plans` names, that is trusted most a few hours ahead."""
+        fit = np.flatnonzero(self.plans if among is None else among).tolist()
         return max(fit or range(len(self.members)), key=lambda place: now[place, self.compared])
 
 

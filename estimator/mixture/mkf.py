@@ -368,9 +368,27 @@ class MKF(OneState):
             disturbance=partial(self._disturbance, state, weights),
         )
 
-    def _disturbance(self, state: MKFState, weights: Array) -> Disturbance:
-        noise = [weighted_quantiles(row, weights, LEVELS) for row in state.log_noise]
-        return Disturbance(*self._gain(state, weights), np.exp(np.array(noise)))
+    def _disturbance(self, state: MKFState, weights: Array, drive: Array) -> Disturbance:
+        noise = np.exp(np.array([weighted_quantiles(row, weights, LEVELS) for row in state.log_noise]))
+        gain, on = self._gain(state, weights)
+        habits = self._model.habits
+        if habits.any():
+            gain = self._with_habits(state, weights, np.where(habits, drive[len(self.network.inputs) :], 0.0))
+        return Disturbance(gain, on, noise)
+
+    def _with_habits(self, state: MKFState, weights: Array, known: Array) -> Array:
+        """Quantiles (3,) [W] of the gain and the heat of habits together; the known part of the latter is `known` (m,)
+        [W per unit]."""
+        model = self._model
+        watts = {model.coefficients.start + place: known[place] for place in np.flatnonzero(known).tolist()}
+        if model.gains:
+            watts[model.states] = WATTS * state.gain_on[0]
+        means = sum(factor * state.mean[i] for i, factor in watts.items())
+        variances = sum(
+            factor * other * state.covariance[packed(i, j)] for i, factor in watts.items() for j, other in watts.items()
+        )
+        sds = np.sqrt(np.maximum(variances, _OFF_SD**2))
+        return Mixture(weights, np.array([means]), np.array([sds])).quantiles(LEVELS, 0)
 
     def _gain(self, state: MKFState, weights: Array) -> tuple[Array, float]:
         """Quantiles (3,) of the gain [W], which is 0 for certain where it is off, and the probability that it is on."""

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import DAY, Array, Indices
+from estimator.heat.terms import HABIT
 from estimator.mixture.options import LEARNED, MKFOptions
 from estimator.network.assembly import Topology, topology
 from estimator.network.network import Network
@@ -93,6 +94,10 @@ class MixtureModel:
         """(D,): states that terms heat."""
         self.term_place: Indices = np.array([heated.index(term.node) for term in terms], dtype=np.int64)
         """(m,): place of each term's node in `heated`."""
+        self.habits = np.array(
+            [term.series.startswith(HABIT) and term.node == network.measured[0] for term in terms], dtype=np.bool_
+        )
+        """(m,): whether a term is heat into the first measured node that nobody measures."""
         self.coefficient_mean: Array = np.array([term.mean for term in terms], dtype=np.float64)
         """(m,): of the prior of c."""
         self.coefficient_walk: Array = np.array([term.walk**2 * period / DAY for term in terms], dtype=np.float64)

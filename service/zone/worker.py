@@ -21,7 +21,7 @@ from estimator.heat.known import KnownHeat
 from estimator.loop import Carried, Loop, Step
 from estimator.network.network import Network
 from estimator.thermostat.futures import NOTHING_KNOWN, ToCome
-from estimator.types import Estimator, ParameterSummary, Posterior
+from estimator.types import Estimator, ParameterSummary
 from estimator.verification.one_step import OneStep
 from service.records.sample import Sample
 from service.records.skill import Skill
@@ -297,7 +297,7 @@ class ZoneWorker:
             parameters=tuple(map(float, posterior.parameters)),
             forecast=self._forecast(sample.time, step.carried, input_quality),
             step_seconds=time.perf_counter() - began,
-            disturbance=_disturbance(posterior),
+            disturbance=_disturbance(step),
             setpoint=sample.setpoint,
         )
 
@@ -348,10 +348,10 @@ def _gate(step: Step) -> Gate | None:
     return Gate(0.0 if step.carried.suspicions else value, regime)
 
 
-def _disturbance(posterior: Posterior) -> Disturbance | None:
-    if posterior.disturbance is None:
+def _disturbance(step: Step) -> Disturbance | None:
+    if step.disturbance is None:
         return None
-    known = posterior.disturbance()
+    known = step.disturbance()
     lower, median, upper = known.gain.tolist()
     return Disturbance((lower, median, upper), known.probability_on, tuple(map(tuple, known.measurement_sd.tolist())))
 

@@ -49,8 +49,8 @@ def run_hours(run: FilterRun) -> Arrays:
             for lead, mixture in enumerate(fan.each(), start=1):
                 if lead in places:
                     keep(step.row + lead, places[lead], mixture)
-        if step.posterior.disturbance is not None:
-            gain[step.row] = step.posterior.disturbance().gain
+        if step.disturbance is not None:
+            gain[step.row] = step.disturbance().gain
         if estimator.physical and step.row % max(1, round(DAY / run.period)) == 0:
             median = estimator.parameters(step.state, _LEVELS).parameters[:, 1]
             losses[step.row] = _to_first_boundary(estimator.network, median)

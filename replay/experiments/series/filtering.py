@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from estimator.heat.known import KnownHeat
 from estimator.loop import Carried, Loop
 from estimator.neighbours import Experience
 from estimator.network.network import Network
-from estimator.types import Estimator, Mixture, Posterior
+from estimator.types import Disturbance, Estimator, Mixture, Posterior
 from replay.experiments.jobs import Arrays
 from replay.localtime import Seconds
 from replay.scores.intervals import LEVEL, Mask
@@ -95,6 +95,8 @@ class Step(NamedTuple):
     standing: Mixture | None
     """The forecast of y_k that was formed before y_k was seen; None where a segment begins."""
     posterior: Posterior
+    disturbance: Callable[[], Disturbance] | None
+    """Of the step that ended with the sample; None for an estimator without a model of it."""
     assimilated: bool
     """Whether y_k was given to the filter; otherwise its states began anew at y_k."""
     carried: Carried
@@ -134,7 +136,8 @@ def steps(
     carried, ahead = loop.begin()._replace(experience=begun), None
     for row, (when, outputs, inputs) in enumerate(zip(series.times, series.outputs, series.inputs, strict=True)):
         step = loop.step(carried, int(when), outputs, inputs, continues=not series.starts[row])
-        yield Step(row, ahead if step.scored is not None else None, step.posterior, not step.started, step.carried)
+        standing = ahead if step.scored is not None else None
+        yield Step(row, standing, step.posterior, step.disturbance, not step.started, step.carried)
         carried, ahead = step.carried, step.ahead
 
 
@@ -153,7 +156,7 @@ def run_filter(run: FilterRun) -> Arrays:
         if standing is not None:
             kept.mean[k] = standing.mean()[0]
             kept.lower[k], kept.upper[k] = standing.quantiles(TAILS, 0)
-        noise = _left_out(measurement_sd, posterior)
+        noise = _left_out(measurement_sd, step)
         if step.assimilated and np.isfinite(noise):
             after = estimator.predictive(posterior.state)
             # Of the state behind the outputs.
@@ -170,13 +173,13 @@ def run_filter(run: FilterRun) -> Arrays:
     return kept._asdict()
 
 
-def _left_out(measurement_sd: object, posterior: Posterior) -> float:
+def _left_out(measurement_sd: object, step: Step) -> float:
     """sigma_y [K] of the first output; NaN where it is not known."""
     if isinstance(measurement_sd, int | float):
         return float(measurement_sd)
-    if measurement_sd is None or posterior.disturbance is None:
+    if measurement_sd is None or step.disturbance is None:
         return float("nan")
-    return float(posterior.disturbance().measurement_sd[0, 1])
+    return float(step.disturbance().measurement_sd[0, 1])
 
 
 def _blank(samples: int, parameters: int) -> Trace:

@@ -11,6 +11,7 @@ from estimator.bank.bank import Bank, answering_plan
 from estimator.bank.options import BankOptions, Member
 from estimator.errors import OptionsError
 from estimator.heat.terms import with_known_heat
+from estimator.kernels.draws import Draws
 from estimator.network.presets import automatic, network
 from estimator.registry import build
 from estimator.types import Mixture, Mixtures, Outcome, Posterior
@@ -436,3 +437,34 @@ def test_sun_and_habits_are_told_whatever_the_member_weighs_that_knows_them() ->
     summary = bank.parameters(state, np.array([0.025, 0.5, 0.975]))
     assert summary.coefficients.shape == (16, 3)
     assert 100.0 < summary.coefficients[0, 1] < 300.0
+
+
+def test_unmeasured_heat_is_told_with_that_of_habits_by_a_member_that_plans_names() -> None:
+    """By the draws of its own Gaussians; noise of the sensor by the first member."""
+    known = with_known_heat(automatic(("T_i", "T_out", "u_heat")), habits=True)
+    members = {
+        "jump": {"estimator": "mkf", "network": "bare", "plans": False},
+        "habits-slow": {"estimator": "mkf", "preset": "habits-slow", "plans": False},
+        "habits": {"estimator": "mkf", "preset": "habits"},
+    }
+    bank, rng = build("bank", known, PERIOD, {"members": members}), np.random.default_rng(4)
+    state = bank.start(1, np.array([20.0]), np.array([5.0, 1000.0, *np.zeros(16)]))
+    for k in range(60):
+        habits = np.roll([0.5, 0.5, *np.zeros(14)], k // 10)
+        drive = np.array([5.0, 1000.0, *habits])
+        state = bank.predict(state, drive)
+        posterior = bank.update(state, 20.0 + 0.3 * rng.standard_normal(1))
+        state = posterior.state
+    told = posterior.disturbance(drive)
+    _, _, own = state.members
+    draws = bank.members[2]._sample(own, Draws(3, 4), 20_000)[1]
+    model = bank.members[2]._model
+    heat = 1000.0 * draws[model.states] + habits @ draws[model.coefficients]
+    expected = np.quantile(heat, [0.025, 0.5, 0.975])
+    np.testing.assert_allclose(told.gain, expected, atol=0.04 * (expected[2] - expected[0]))
+    assert not np.allclose(told.gain, posterior.disturbance(np.zeros(18)).gain, atol=20.0), "of the hour"
+    assert told.measurement_sd[0, 0] < told.measurement_sd[0, 2], "the first member learns it"
+    # A member that answers plans itself tells its own heat.
+    members["jump"]["plans"] = True
+    own = build("bank", known, PERIOD, {"members": members}).update(bank.predict(state, drive), np.array([20.0]))
+    assert own.disturbance(drive).gain == pytest.approx(own.disturbance(np.zeros(18)).gain)

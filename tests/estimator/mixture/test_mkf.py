@@ -93,7 +93,7 @@ def test_kernels_agree_with_the_oracle(name, preset, seed):
         np.testing.assert_allclose(learned.state.log_weights, also.state.log_weights, rtol=1e-9, atol=1e-9)
         for a, b in zip(learned[2:4], also[2:4], strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(learned.disturbance().gain, also.disturbance().gain, rtol=1e-7, atol=1e-6)
+        np.testing.assert_allclose(*(each.disturbance(inputs).gain for each in (learned, also)), rtol=1e-7, atol=1e-6)
         state = learned.state
     plan = np.array([inputs_of(net, rng) for _ in range(6)])
     left, right = (estimator.scenarios(state, plan, 21) for estimator in (oracle, kernels))
@@ -176,7 +176,7 @@ def test_it_finds_an_unmeasured_gain_and_the_noise_of_the_sensor():
     for u, y in zip(data.inputs[:-1], outputs[1:], strict=True):
         posterior = estimator.update(estimator.predict(state, u), y)
         state = posterior.state
-        found.append(posterior.disturbance())
+        found.append(posterior.disturbance(u))
     late = slice(600, None)
     on = gain[:-1][late] > 0
     certain = np.array([each.probability_on for each in found])[late]
@@ -194,7 +194,7 @@ def test_a_gain_that_is_as_good_as_never_on_is_none():
     state = estimator.start(1, np.array([20.0]), np.array([5.0, 0.0]))
     on = np.where(np.arange(8) == 0, 1.0, 0.0)
     state = state._replace(gain_on=on[None], log_weights=np.where(on > 0.0, -740.0, -np.log(7.0)))
-    quiet = estimator.update(state, np.array([np.nan])).disturbance()
+    quiet = estimator.update(state, np.array([np.nan])).disturbance(np.zeros(2))
     np.testing.assert_array_equal(quiet.gain, 0.0)
 
 
@@ -235,7 +235,7 @@ def test_one_of_two_outputs_may_be_missing():
     state = estimator.predict(estimator.start(1, np.array([20.0, 18.0]), np.zeros(3)), np.zeros(3))
     posterior = estimator.update(state, np.array([np.nan, 18.1]))
     assert np.isfinite(posterior.log_likelihood)
-    assert posterior.disturbance().measurement_sd.shape == (2, 3)
+    assert posterior.disturbance(np.zeros(3)).measurement_sd.shape == (2, 3)
     only = estimator.update(state, np.array([20.0, np.nan]))
     assert posterior.log_likelihood != only.log_likelihood
 
