@@ -69,7 +69,7 @@ def assemble(network: Network, theta: Array) -> Matrices:
     n_x, count = len(network.nodes), theta.shape[1]
     internal = np.zeros((count, n_x, n_x))
     inputs = np.zeros((count, n_x, len(network.inputs)))
-    for i, j, p in shape.edges:
+    for i, j, p in shape.edges.tolist():
         internal[:, i, i] += theta[p]
         if j < n_x:
             internal[:, j, j] += theta[p]
@@ -77,8 +77,9 @@ def assemble(network: Network, theta: Array) -> Matrices:
             internal[:, j, i] -= theta[p]
         else:
             inputs[:, i, j - n_x] += theta[p]
-    for (i, column, p), (constant, sign) in zip(shape.heat, shape.heat_gain, strict=True):
-        inputs[:, i, column] += constant + sign * theta[p]
+    (nodes, columns, entries), (constants, signs) = shape.heat.T, shape.heat_gain.T
+    gains = constants[:, None] + signs[:, None] * theta[entries]
+    np.add.at(inputs.transpose(1, 2, 0), (nodes, columns), gains)
     return Matrices(theta[shape.capacitance].T, internal, inputs)
 
 

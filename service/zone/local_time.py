@@ -7,7 +7,7 @@ import numpy as np
 
 from adapters.holidays import public_holidays
 from adapters.timestamps import time_zone
-from estimator.arrays import Array
+from estimator.arrays import Array, Indices
 from estimator.heat.known import Calendar, LocalTime
 from estimator.heat.sun import Location
 from estimator.thermostat.futures import KindOfDay
@@ -47,4 +47,8 @@ def kinds_of_day(local: Calendar) -> KindOfDay:
     def of_hour(hour: float) -> int:
         return int(local(np.array([hour * _HOUR])).off[0])
 
-    return lambda times: np.array([of_hour(hour) for hour in (times // _HOUR).tolist()], dtype=np.int64)
+    def kinds(times: Array) -> Indices:
+        hours, place = np.unique(times // _HOUR, return_inverse=True)
+        return np.array([of_hour(hour) for hour in hours.tolist()], dtype=np.int64)[place]
+
+    return kinds

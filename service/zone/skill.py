@@ -12,11 +12,12 @@ WINDOWS = (1, 7, 30)
 """Days that a skill looks back."""
 
 
-def skill_of(loop: Loop, standing: Standing, time: int) -> Skill:
-    """What the forecasts up to the sample at `time` [UTC s] were worth, after which the loop left `standing`."""
+def skill_of(loop: Loop, standing: Standing, time: int, looking_back: Sequence[int] = WINDOWS) -> Skill:
+    """What the forecasts up to the sample at `time` [UTC s] were worth, after which the loop left `standing`, over so
+    many days."""
     assert standing.verified is not None, "a zone verifies its forecasts"
     windows = []
-    for days in WINDOWS:
+    for days in looking_back:
         known = _rows(loop.verification.leads, loop.verification.scores(standing.verified, time, days))
         issued = _rows(loop.as_issued.leads, loop.as_issued.scores(standing.issued, time, days))
         horizons = tuple(HorizonSkill.of(**row) for row in known)

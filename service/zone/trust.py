@@ -21,6 +21,9 @@ from service.records.skill import Better, HorizonSkill, IssuedSkill, Skill
 from service.records.trust import DOUBTFUL, LEARNING, TRUSTED, UNTRUSTED, HorizonTrust, Trust
 from service.records.update import Update
 
+LOOKED_BACK = (1, 7)
+"""Days whose verified forecasts are judged by."""
+
 NEEDED = 24
 """Verified forecasts in seven days below which a horizon is still being learned."""
 

@@ -38,8 +38,8 @@ from service.records.update import (
     Volatility,
 )
 from service.zone.foresight.outlook import Foresight
-from service.zone.skill import skill_of
-from service.zone.trust import judged
+from service.zone.skill import WINDOWS, skill_of
+from service.zone.trust import LOOKED_BACK, judged
 
 STARTED = "started"
 
@@ -204,7 +204,7 @@ class ZoneWorker:
     def skill(self) -> Skill | None:
         """What the zone's forecasts have been worth; None before the first sample."""
         standing = self.standing
-        return None if standing is None else self._skill(standing.carried, standing.update.time)
+        return None if standing is None else self._skill(standing.carried, standing.update.time, WINDOWS)
 
     def diagnosis(self) -> Diagnosis:
         """What is not known now; empty before the first sample."""
@@ -257,13 +257,13 @@ class ZoneWorker:
         """How far the forecasts are trusted: by what was verified once an hour, by this moment always."""
         before, skill = self.trust, None
         if not before.horizons or update.time // _HOUR != before.time // _HOUR:
-            skill = self._skill(carried, update.time)
+            skill = self._skill(carried, update.time, LOOKED_BACK)
         return judged(before, update, skill, carried.diagnosis)
 
-    def _skill(self, carried: Carried, when: int) -> Skill:
-        """What the forecasts up to the sample at `when` (UTC s) were worth."""
+    def _skill(self, carried: Carried, when: int, looking_back: Sequence[int]) -> Skill:
+        """What the forecasts up to the sample at `when` (UTC s) were worth over so many days."""
         assert carried.standing is not None
-        return skill_of(self.loop, carried.standing, when)
+        return skill_of(self.loop, carried.standing, when, looking_back)
 
     def _unusable_inputs(self, carried: Carried, now: int) -> str | None:
         """Why the inputs that are held cannot carry a prediction at UTC time `now`, or None."""
