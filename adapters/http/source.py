@@ -44,7 +44,10 @@ class HttpSource(Source):
         self._max_ahead, self._longest_stretch = table.max_ahead, table.longest_stretch
         self._listed: list[HttpChannel] = []
         self._named: dict[str, list[HttpChannel]] = {}
-        self._measured: dict[tuple[str, str], list[HttpChannel]] = {}
+        self._measured: dict[tuple[object, ...], list[HttpChannel]] = {}
+        """By measurement, field and one of the tags, of which there may be many channels' own."""
+        self._tags: set[str] = set()
+        """The keys of those."""
         self._news = asyncio.Event()
         self.rebind(bindings)
 
@@ -55,7 +58,9 @@ class HttpSource(Source):
         for channel in self._listed:
             for name in {channel.id, channel.name} - {None}:
                 self._named.setdefault(str(name), []).append(channel)
-            self._measured.setdefault((channel.measurement, channel.field), []).append(channel)
+            tag = next(iter(channel.tags.items()), ())
+            self._measured.setdefault((channel.measurement, channel.field, *tag), []).append(channel)
+        self._tags = {str(key[2]) for key in self._measured if len(key) > 2}
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """An empty batch whenever something was posted, for ever: the readings themselves go to the zones as they come,
@@ -90,19 +95,20 @@ class HttpSource(Source):
         taken = [reading for reading in readings if reading is not None]
         return Received(taken, len(readings) - len(taken), counters)
 
-    def zones_of(self, posted: Posted, zone: str | None = None) -> set[str]:
-        """The zones whose channels ask for a value."""
-        return {watched.zone for watched in self._meant(posted, zone)}
+    def zones_of(self, posted: Posted, zone: str | None = None) -> list[str]:
+        """The zone of each channel that asks for a value."""
+        return [watched.zone for watched in self._meant(posted, zone)]
 
     def _meant(self, posted: Posted, zone: str | None) -> list[HttpChannel]:
         if posted.field is None:
             short = [] if zone is None else self._named.get(f"{zone}/{posted.name}", [])
             listed = short or self._named.get(posted.name, [])
         else:
+            here, tags = (posted.name, posted.field), posted.tags
+            keys = [here, *((*here, tag, tags[tag]) for tag in self._tags if tag in tags)]
+            found = (watched for key in keys for watched in self._measured.get(key, ()))
             listed = [
-                watched
-                for watched in self._measured.get((posted.name, posted.field), [])
-                if watched.tags.items() <= posted.tags.items()
+                watched for watched in found if all(tags.get(key) == wanted for key, wanted in watched.tags.items())
             ]
         return [watched for watched in listed if zone in (None, watched.zone)]
 

@@ -139,6 +139,15 @@ class Inbox:
                 return Taken(key, incoming, dropped)
         return None
 
+    def put_back(self, key: str, incoming: Incoming) -> None:
+        """Let a sample that was taken be the next one of its subscription again, when that has its turn."""
+        with self._lock:
+            if (queue := self._queues.get(key)) is not None:
+                queue.samples.appendleft(incoming)
+                queue.bytes += incoming.held
+                self._bytes += incoming.held
+                self._turns.setdefault(key)
+
     def waiting(self) -> Iterator[Taken]:
         """All that waits, and what comes meanwhile."""
         while (taken := self.take()) is not None:

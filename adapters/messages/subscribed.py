@@ -4,7 +4,7 @@ import asyncio
 import difflib
 import logging
 import time
-from collections.abc import AsyncIterator, Collection, Sequence
+from collections.abc import AsyncIterator, Collection, Iterator, Sequence
 from contextlib import AbstractAsyncContextManager
 from typing import Any
 
@@ -26,7 +26,8 @@ LOOK = 1.0
 """How long nothing is looked at but the inbox, at most, in s."""
 
 SLICE_SECONDS = 0.004
-"""How long the event loop is held before others have their turn; one sample at least is read in a turn."""
+"""How long the event loop is held, and one message read, before others have their turn; a reading at least comes of a
+turn."""
 
 TOGETHER_SECONDS = 0.1
 """For how long readings are collected under a flood before they are delivered: every delivery concerns all zones."""
@@ -58,6 +59,8 @@ class SubscribedSource(LiveSource):
         """How many messages were dropped because they came faster than they could be taken."""
         self._table: Any = table
         self._channels = MessageChannels(name, bindings, table)
+        self._begun: dict[str, tuple[Incoming, Iterator[Reading]]] = {}
+        """Messages that many channels read, or that hold much, by key, and the readings of them that are to come."""
         self._seldom = Seldom()
 
     def check(self) -> list[str]:
@@ -69,6 +72,7 @@ class SubscribedSource(LiveSource):
         again, and SourceConfigError."""
         self._channels.replace(self._listed)
         self._channels.start_again()
+        self._begun.clear()
         self._rebound = False
         inbox = Inbox(self._channels.points, self._table.queue)
         async with self._reached(inbox) as link:
@@ -157,23 +161,22 @@ class SubscribedSource(LiveSource):
         """Take channels, inbox and subscriptions to what is listed now."""
         self._rebound, before = False, self._channels.points
         self._channels.replace(self._listed)
+        self._begun.clear()
         now = self._channels.points
         inbox.listen_to(now)
         await self._unsubscribe(link, [key for key in before if key not in now])
         await self._subscribe(link, inbox, [key for key in now if key not in before])
 
     async def _taken(self, inbox: Inbox) -> AsyncIterator[Batch]:
-        """What comes within LOOK s, in pieces: a single message may hold thousands of readings."""
+        """What comes within LOOK s, as far as it goes together."""
         if await inbox.wait(LOOK):
-            readings = await self._readings(inbox)
-            for first in range(0, max(len(readings), 1), MOST_TOGETHER):
-                yield Batch(readings[first : first + MOST_TOGETHER], time.time() - TRANSIT)
-                # A flood must leave the loop to others as well.
-                await asyncio.sleep(0)
+            yield Batch(await self._readings(inbox), time.time() - TRANSIT)
+            # A flood must leave the loop to others as well.
+            await asyncio.sleep(0)
 
     async def _readings(self, inbox: Inbox) -> list[Reading]:
         """The readings of what waits in `inbox`, as far as they go together, with a bad one for every occasion on which
-        samples were dropped."""
+        samples were dropped. A message may hold thousands for each of many channels: keys take turns within it too."""
         readings: list[Reading] = []
         turn = begun = time.monotonic()
         for key, incoming, dropped in inbox.waiting():
@@ -183,7 +186,16 @@ class SubscribedSource(LiveSource):
                     say = "sources.%s: samples of %s come faster than they can be taken; the %d oldest were dropped"
                     _log.warning(f"{say}, %d of this source so far", self.name, key, dropped, self.dropped)
                 readings += self._channels.bad(key, Fault.OVERRUN)
-            readings += self._channels.came(key, [incoming])
+            before, coming = self._begun.pop(key, (None, iter(())))
+            if before is not incoming:
+                coming = self._channels.came(key, [incoming])
+            for reading in coming:
+                readings.append(reading)
+                now = time.monotonic()
+                if len(readings) >= MOST_TOGETHER or now - turn >= SLICE_SECONDS:
+                    self._begun[key] = incoming, coming
+                    inbox.put_back(key, incoming)
+                    break
             now = time.monotonic()
             if len(readings) >= MOST_TOGETHER or now - begun >= TOGETHER_SECONDS:
                 break

@@ -118,9 +118,13 @@ class Journal:
             self._keeping.add(zone)
         return belongs
 
-    def append_all(self, accepted: Sequence[tuple[str, Sample]]) -> int:
-        """Store samples of zones, all or none of them, durable on return with the history recorded so far; how many
-        were newer than all of their zone. Fenced, with their names, for zones that are another owner's."""
+    def append_all(
+        self, accepted: Sequence[tuple[str, Sample]], kept: Sequence[tuple[str, Sequence[Reading]]] = ()
+    ) -> int:
+        """Store samples of zones, and usable readings of intervals that are open (one that is there already stays), all
+        or none of them, durable on return with the history recorded so far; how many samples were newer than all of
+        their zone. Fenced, with their names, for zones that are another owner's."""
+        self._keeping.update(zone for zone, _ in kept)
 
         def work(cursor: Cursor) -> tuple[int, dict[str, tuple[int, int]]]:
             # Another attempt looks what is there.
@@ -136,9 +140,11 @@ class Journal:
             for zone in self._keeping & ends.keys():
                 before = ends[zone][0] - REMEMBERED
                 cursor.execute("DELETE FROM readings WHERE zone = ? AND time < ?", zone, before)
+            told = [reading_row(zone, reading) for zone, readings in kept for reading in readings]
+            cursor.insert(_READINGS, told, "ON CONFLICT DO NOTHING")
             return len(rows), known | ends
 
-        stored, self._ends = self._write({zone for zone, _ in accepted}, work)
+        stored, self._ends = self._write({zone for zone, _ in (*accepted, *kept)}, work)
         return stored
 
     def record(self, zone: str, update: Update) -> None:
@@ -149,12 +155,6 @@ class Journal:
     def flush(self) -> None:
         """Make the recorded history durable. Raises if nothing can be written now, also where there is none."""
         self._write((), lambda cursor: None)
-
-    def keep(self, zone: str, readings: Sequence[Reading]) -> None:
-        """Store usable readings of an interval that is open, durable on return; one that is there already stays."""
-        self._keeping.add(zone)
-        rows = [reading_row(zone, reading) for reading in readings]
-        self._write([zone], lambda cursor: cursor.insert(_READINGS, rows, "ON CONFLICT DO NOTHING"))
 
     def kept(self, zone: str, since: float, until: float = inf) -> list[Reading]:
         """The readings of `zone` that were kept, with `since` <= time <= `until` (UTC s), oldest first.

@@ -7,13 +7,14 @@ caller's pool.
 import asyncio
 import logging
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import islice
 from typing import Any
 
 from adapters.fields.times import written_time
+from adapters.reading import Reading
 from service.errors import CheckpointError, Fenced, ServiceError, StateMismatch
 from service.records.measures import Measure
 from service.records.sample import Sample
@@ -56,8 +57,10 @@ class JournalStore(ABC):
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
         self._accepted: list[tuple[str, Sample]] = []
         """Samples that the next commit takes along."""
+        self._readings: list[tuple[str, Sequence[Reading]]] = []
+        """Readings that it takes along."""
         self._commit: asyncio.Task[Mapping[str, Fenced]] | None = None
-        """That commit, while samples can still join it."""
+        """That commit, while more can still join it."""
         self._committing = asyncio.Lock()
         self.known_size = 0
         """Bytes that the journal took when it was last looked through."""
@@ -77,6 +80,15 @@ class JournalStore(ABC):
         at once need a few commits, not a thousand.
         """
         self._accepted.append((zone, sample))
+        await self._committed(zone)
+
+    async def keep(self, zone: str, readings: Sequence[Reading]) -> None:
+        """Make readings of an interval that is open durable, in a commit that they share likewise."""
+        self._readings.append((zone, readings))
+        await self._committed(zone)
+
+    async def _committed(self, zone: str) -> None:
+        """What came of `zone` is durable."""
         if self._commit is None:
             self._commit = asyncio.create_task(self._commit_accepted())
         # One zone that is stopped must not take the commit of the others with it.
@@ -194,17 +206,18 @@ class JournalStore(ABC):
         self.journal.close()
 
     async def _commit_accepted(self) -> Mapping[str, Fenced]:
-        """Commit what was accepted; why the samples of some zones were not, by zone."""
+        """Commit what was accepted; why that of some zones was not, by zone."""
         async with self._committing:
-            accepted, self._accepted, self._commit = self._accepted, [], None
+            accepted, kept = self._accepted, self._readings
+            self._accepted, self._readings, self._commit = [], [], None
             try:
-                await self.run(self.journal.append_all, accepted)
+                await self.run(self.journal.append_all, accepted, kept)
             except Fenced as error:
-                # A zone that has gone to another owner must not take the samples of the others with it.
-                rest = [(zone, sample) for zone, sample in accepted if zone not in error.zones]
-                if not rest or len(rest) == len(accepted):
+                # A zone that has gone to another owner must not take what the others bring with it.
+                rest, left = ([one for one in each if one[0] not in error.zones] for each in (accepted, kept))
+                if not (rest or left) or len(rest) + len(left) == len(accepted) + len(kept):
                     raise
-                await self.run(self.journal.append_all, rest)
+                await self.run(self.journal.append_all, rest, left)
                 return dict.fromkeys(error.zones, error)
             return {}
 

@@ -102,7 +102,7 @@ class Intake:
         held = [found for reading in readings if (found := aligned.held(reading.channel, reading.time)) is not None]
         await self.accept(samples)
         if held:
-            await self._store.run(self._store.journal.keep, self._zone, held)
+            await self._store.keep(self._zone, held)
         return Receipt(accepted, len(readings) - len(fresh) - len(faulty), 0, refused)
 
     def _note_writer(self, channels: Iterable[str]) -> None:

@@ -27,8 +27,8 @@ from service.web.keys import create_key
 LONGEST = 65_536
 MESSAGES = 1500
 SECONDS = 15.0
-WILD = 5
-"""Zones that read the flooded key."""
+ROOMS = 50
+"""Zones that read the flooded key, or ask for the flooded value, as rooms do for the outdoor temperature."""
 
 HONEST = {"T_i": ("plant/room", "20.5"), "T_out": ("plant/outside", "4"), "u_heat": ("plant/heating", "1500")}
 
@@ -80,12 +80,15 @@ def _telling(put: Put) -> AbstractContextManager[None]:
 
 
 def _on_bus(folder: Path, source: dict[str, Any], locator: str) -> Path:
-    """An honest zone, and WILD zones that all read the flooded key."""
+    """An honest zone, and ROOMS that all read the flooded key."""
     honest = {channel: {locator: topic} for channel, (topic, _) in HONEST.items()}
-    wild = {locator: "plant/wild", "format": "senml"}
-    names = {"honest": honest} | {f"wild-{k}": honest | {"T_i": wild | {"record": f"T{k}"}} for k in range(WILD)}
-    zones = [sites.zone(name, "bus", places, hold_inputs="20s") for name, places in names.items()]
+    wild = honest | {"T_out": {locator: "plant/wild", "format": "senml", "record": "T0"}}
+    zones = [sites.zone("honest", "bus", honest, hold_inputs="20s"), *_rooms(wild)]
     return sites.written(folder, {"bus": source}, zones)
+
+
+def _rooms(places: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
+    return [sites.zone(f"wild-{k}", "bus", places, period="1min", estimator="ekf") for k in range(ROOMS)]
 
 
 @contextmanager
@@ -130,14 +133,13 @@ def _flooded(daemon: Daemon, flood: Callable[[str], None], place: str) -> str:
 
 @contextmanager
 def _posted(
-    folder: Path, attack: Callable[[Target, str, str], str]
+    folder: Path, attack: Callable[[Target, str, str], str], rooms: bool = False
 ) -> Iterator[tuple[Victim, Callable[[Target], str]]]:
-    """A daemon to which an honest client posts, and `attack`, which is given the key of another one."""
-    config = sites.written(
-        folder,
-        {"bus": {"kind": "http"}},
-        [sites.zone(name, "bus", {}, hold_inputs="20s") for name in ("honest", "other")],
-    )
+    """A daemon to which an honest client posts, and `attack`, which is given the key of another one; with ROOMS that
+    ask for the value called outdoor."""
+    zones = [sites.zone(name, "bus", {}, hold_inputs="20s") for name in ("honest", "other")]
+    zones += _rooms({"T_out": {"name": "outdoor"}}) if rooms else []
+    config = sites.written(folder, {"bus": {"kind": "http"}}, zones)
     keys = folder / "state" / "keys.json"
     honest, tenant = create_key(keys, "honest", "write"), create_key(keys, "tenant", "write")
     statuses: Counter[int] = Counter()
@@ -165,11 +167,15 @@ def _posted(
 
 def _packed(base_name: str) -> Callable[[Target, str, str], str]:
     """Posts of 20,000 values, packed, whose names begin with `base_name`, again and again."""
-    pack = [{"bn": base_name}, *({"n": str(k), "v": 1} for k in range(19_990))]
+    return _again("/zones/other/readings", [{"bn": base_name}, *({"n": str(k), "v": 1} for k in range(19_990))])
+
+
+def _again(path: str, pack: list[dict[str, Any]]) -> Callable[[Target, str, str], str]:
+    """Posts of a `pack`, which is packed, again and again."""
     body = gzip.compress(json.dumps(pack).encode())
 
     def attack(target: Target, key: str, kind: str) -> str:
-        request = target.request("/zones/other/readings", body, key, kind, Content_Encoding="gzip")
+        request = target.request(path, body, key, kind, Content_Encoding="gzip")
         return f"{len(body)} bytes, " + hammered(target, [request], SECONDS, {200, 413, 422, 429, 503})
 
     return attack
@@ -203,6 +209,9 @@ ATTACKS: dict[str, Callable[[Path], Any]] = {
     "31.2 a flood on Zenoh": on_zenoh,
     "31.1 a packed base name": lambda folder: _posted(folder, _packed("x" * 500_000)),
     "31.1 20,000 packed values with wide names": lambda folder: _posted(folder, _packed("\N{THERMOMETER}" * 200)),
+    "31.2 a value that fifty rooms ask for": lambda folder: _posted(
+        folder, _again("/readings", [{"n": "outdoor", "v": k % 30, "t": -k / 100} for k in range(1999)]), rooms=True
+    ),
     "31.4 posts that never end": lambda folder: _posted(folder, _never_ending),
 }
 """For each, what runs a daemon in a folder, and gives it and the attack."""

@@ -175,7 +175,7 @@ class JournalWorkload(Workload):
 
     def _keep(self, zone: str, k: int) -> Callable[[], object]:
         kept = Reading(f"{zone}/T", 300 * k + 7.5, 20.0 + k / 3, Quality.UNCERTAIN)
-        return lambda: self.journal.keep(zone, [kept])
+        return lambda: self.journal.append_all([], [(zone, [kept])])
 
     def content(self, folder: Path) -> Content:
         with closing(Journal.open(folder / JOURNAL)) as journal:

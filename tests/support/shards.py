@@ -82,7 +82,7 @@ async def _given_up(store: PostgresStore) -> None:
 
 WRITING: dict[str, Callable[[PostgresStore], Awaitable[Any]]] = {
     "append": lambda store: store.append("z", make_sample(1)),
-    "keep": lambda store: store.run(store.journal.keep, "z", [READING]),
+    "keep": lambda store: store.keep("z", [READING]),
     "skip": lambda store: store.run(store.journal.skip, "z", make_sample(0).time, "broken"),
     "save": lambda store: asyncio.to_thread(store.checkpoints.save, "z", checkpoint(7)),
     "set checkpoints aside": lambda store: asyncio.to_thread(store.checkpoints.set_aside, "z", 0),

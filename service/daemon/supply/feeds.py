@@ -48,9 +48,9 @@ class Feed:
         """Whether clients hand its readings over (`receive`)."""
         return isinstance(self.source, HttpSource)
 
-    def asks_for(self, posted: Posted, zone: str | None) -> bool:
-        """Whether some channel, of `zone` if one is given, asks for a value that was posted."""
-        return isinstance(self.source, HttpSource) and bool(self.source.zones_of(posted, zone))
+    def asking(self, posted: Posted, zone: str | None) -> int:
+        """How many channels, of `zone` if one is given, ask for a value that was posted."""
+        return len(self.source.zones_of(posted, zone)) if isinstance(self.source, HttpSource) else 0
 
     async def receive(self, posted: Sequence[Posted], zone: str | None) -> Receipt:
         """Hand what was posted to the zones, or to `zone` alone; what is accepted is durable on return. Raises

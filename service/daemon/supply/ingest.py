@@ -15,7 +15,10 @@ from service.web.readings import RETRY_SECONDS
 from service.web.server.refusal import RequestRefused
 
 TOGETHER = 1000
-"""Values that are handed to the zones in one turn of the event loop: some ms of it."""
+"""Readings that are handed to the zones in one turn of the event loop, and values that are looked at: some ms of it."""
+
+MAX_READINGS = 100_000
+"""What a post may bring to all channels together."""
 
 _SHOWN = 5
 
@@ -47,7 +50,8 @@ class Ingest:
 
 
 async def hand(feeds: Iterable[Feed], posted: Sequence[Posted], zone: str | None) -> Receipt:
-    """What became of `posted` at those of `feeds` that are posted to, all of them together. Raises ServiceError.
+    """What became of `posted` at those of `feeds` that are posted to, all of them together. Raises ServiceError, and
+    RequestRefused where many channels ask for many values.
 
     Values go in the order of their times, TOGETHER in a turn of the event loop. Where one turn fails, those before it
     stay accepted: who posts again is told that they are known.
@@ -55,13 +59,32 @@ async def hand(feeds: Iterable[Feed], posted: Sequence[Posted], zone: str | None
     feeds = [feed for feed in feeds if feed.is_posted_to]
     receipt, unknown, now = NOTHING, list[Posted](), time.time()
     ordered = sorted(posted, key=lambda one: now if one.time is None else one.time)
-    for first in range(0, len(ordered), TOGETHER):
-        part = ordered[first : first + TOGETHER]
+    parts, room, count = list[list[Posted]](), 0, 0
+    for place, one in enumerate(ordered):
+        if place % TOGETHER == TOGETHER - 1:
+            await asyncio.sleep(0)
+        if not (asking := sum(feed.asking(one, zone) for feed in feeds)):
+            unknown.append(one)
+            continue
+        bounded(count := count + asking)
+        # One value may be that of every zone, such as the outdoor temperature.
+        if asking > room:
+            parts.append([])
+            room = TOGETHER
+        parts[-1].append(one)
+        room -= asking
+    for part in parts:
         for feed in feeds:
             receipt = receipt.plus(await feed.receive(part, zone))
-        unknown += [one for one in part if not any(feed.asks_for(one, zone) for feed in feeds)]
         await asyncio.sleep(0)
     return with_unknown(receipt, unknown)
+
+
+def bounded(count: int) -> None:
+    """RequestRefused where a post brings more than MAX_READINGS."""
+    if count > MAX_READINGS:
+        sentence = f"so many channels ask for these values that they are more than {MAX_READINGS} readings; post fewer"
+        raise RequestRefused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, [f"{sentence} at a time"])
 
 
 def with_unknown(receipt: Receipt, unknown: Sequence[Posted]) -> Receipt:

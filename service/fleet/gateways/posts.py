@@ -8,7 +8,7 @@ from adapters.http.posted import Posted
 from adapters.http.source import HttpSource
 from service.config.site import Config
 from service.daemon.supply.feeds import NO_SOURCE
-from service.daemon.supply.ingest import with_unknown
+from service.daemon.supply.ingest import bounded, with_unknown
 from service.errors import ServiceError
 from service.fleet.peers import Peer
 from service.records.receipt import NOTHING, Receipt
@@ -39,9 +39,10 @@ class Posts:
         again."""
         if not self._sources:
             raise RequestRefused(HTTPStatus.CONFLICT, [NO_SOURCE])
-        expected, unknown = dict[Peer, set[str]](), list[Posted]()
+        expected, unknown, count = dict[Peer, set[str]](), list[Posted](), 0
         for one in posted:
-            asking = set[str]().union(*(source.zones_of(one, zone) for source in self._sources))
+            asking = [name for source in self._sources for name in source.zones_of(one, zone)]
+            bounded(count := count + len(asking))
             for name in asking:
                 expected.setdefault(self._shards[name], set()).add(name)
             if not asking:

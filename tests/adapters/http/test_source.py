@@ -19,8 +19,11 @@ HALL = {"id": "hall/T_out", "name": "roof", "unit": "degC"}
 METER = {"id": "office/u_heat", "unit": "kWh", "to": "W"}
 
 
+ATTIC = {"id": "attic/T_i", "measurement": "mqtt", "tags": {"topic": "room1", "floor": "2"}, "unit": "degC"}
+
+
 def source(*channels: dict[str, Any]) -> HttpSource:
-    return TABLE.build("telegraf", [bound(TABLE, **one) for one in channels or (ROOM, ROOF, HALL, METER)])
+    return TABLE.build("telegraf", [bound(TABLE, **one) for one in channels or (ROOM, ROOF, HALL, METER, ATTIC)])
 
 
 def names(readings: list[Reading]) -> list[str]:
@@ -31,6 +34,8 @@ def names(readings: list[Reading]) -> list[str]:
     ("line", "channels"),
     [
         ("mqtt,host=gw,topic=room1 value=21", ["office/T_i"]),
+        ("mqtt,topic=room1,floor=2 value=21", ["office/T_i", "attic/T_i"]),
+        ("mqtt,floor=2 value=21", []),
         ("mqtt,topic=room1 other=21", []),
         ("mqtt,topic=room2 value=21", []),
         ("mqtt value=21", []),

@@ -103,3 +103,26 @@ async def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered
     with turns_beside() as turns:
         assert [len(await source._readings(inbox)) for _ in range(4)] == [100, 100, 50, 0]
     assert turns() >= 240
+
+
+async def test_a_message_of_much_for_many_channels_takes_turns_with_the_messages_of_other_keys(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name, value in (("SLICE_SECONDS", 0.0), ("TOGETHER_SECONDS", float("inf")), ("MOST_TOGETHER", 100)):
+        monkeypatch.setattr(subscribed, name, value)
+    inbox, rooms, records = Inbox(["k", "calm"], 1000), range(5), range(100)
+    for first in (0, 1):
+        pack = [{"n": "T", "v": 20 + first, "t": -k} for k in reversed(records)]
+        inbox.put("k", came("k", json.dumps(pack).encode()))
+    inbox.put("calm", came("calm"))
+    channels = [bound(TABLE, f"room-{room}/T", key="k", format="senml", record="T") for room in rooms]
+    source = SubscribedSource("bms", TABLE, [*channels, bound(TABLE, "calm/T", key="calm")])
+    with turns_beside() as turns:
+        pieces = [await source._readings(inbox) for _ in range(11)]
+    assert turns() >= 990
+    assert "calm/T" in [reading.channel for reading in pieces[0][:3]]
+    assert max(map(len, pieces)) == 100, "memory holds few of them at a time"
+    for room in rooms:
+        found = [one for piece in pieces for one in piece if one.channel == f"room-{room}/T"]
+        assert [one.value for one in found] == [20.0] * 100 + [21.0] * 100
+        assert [round(one.time - NOW) for one in found] == [-k for k in reversed(records)] * 2

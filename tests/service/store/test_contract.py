@@ -177,9 +177,9 @@ READINGS = [Reading("z/T_i", START + 0.5, np.float64(21.5)), Reading("z/u", STAR
 
 async def test_readings_are_kept_once_until_they_are_too_old_to_be_posted_again(kept: Kept) -> None:
     async with kept.opened() as store:
-        await store.run(store.journal.keep, "z", READINGS)
-        await store.run(store.journal.keep, "z", [READINGS[0]._replace(value=3.0), Reading("z/T_i", START + 2.0, 22.0)])
-        await store.run(store.journal.keep, "z", [])
+        await store.keep("z", READINGS)
+        await store.keep("z", [READINGS[0]._replace(value=3.0), Reading("z/T_i", START + 2.0, 22.0)])
+        await store.keep("z", [])
     async with kept.opened() as store:
         all_of_them = await store.run(store.journal.kept, "z", 0.0)
         between = await store.run(store.journal.kept, "z", START + 1.0, START + 1.5)
@@ -194,12 +194,25 @@ async def test_readings_are_kept_once_until_they_are_too_old_to_be_posted_again(
         assert left == [3, 2]
 
 
+async def test_readings_and_samples_of_many_zones_share_commits(kept: Kept, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One value that fifty rooms ask for takes a commit or two, and not fifty."""
+    zones = "abcdefgh"
+    async with kept.opened(zones) as store:
+        commits, append_all = [], store.journal.append_all
+        monkeypatch.setattr(store.journal, "append_all", lambda *told: commits.append(told) or append_all(*told))
+        await asyncio.gather(*(store.keep(zone, READINGS) for zone in zones), store.append("a", make_sample(0)))
+        assert len(commits) <= 2
+        for zone in zones:
+            assert len(await store.run(store.journal.kept, zone, 0.0)) == 2
+        assert await store.run(store.journal.last_sample_time, "a") == make_sample(0).time
+
+
 @pytest.mark.parametrize("change", ["value = value + 1", "quality = 'uncertain'", "channel = 'z/X'", "time = time - 1"])
 async def test_a_damaged_reading_is_left_out_and_told(
     kept: Kept, change: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with kept.opened() as store:
-        await store.run(store.journal.keep, "z", READINGS)
+        await store.keep("z", READINGS)
         kept.change(f"UPDATE {{}}readings SET {change} WHERE channel = 'z/T_i'")
         assert (await store.run(store.journal.kept, "z", 0.0)) == [READINGS[1]]
     assert "damaged reading of zone 'z'" in caplog.text
@@ -248,7 +261,7 @@ async def test_a_zone_is_forgotten_whole_and_begins_anew(kept: Kept) -> None:
         await store.append("z", make_sample(5))
         await store.append("other", make_sample(5))
         store.record("z", make_update(5))
-        await store.run(store.journal.keep, "z", READINGS)
+        await store.keep("z", READINGS)
         store.checkpoints.save("z", checkpoint(make_sample(5).time))
         await store.forget("z")
     async with kept.opened("") as store:
@@ -271,7 +284,7 @@ async def test_what_lies_ahead_is_set_aside(kept: Kept) -> None:
             store.record("z", make_update(step))
         for step in (2, 7):
             store.checkpoints.save("z", checkpoint(make_sample(step).time))
-        await store.run(store.journal.keep, "z", [Reading("z/T_i", now + 5000.0, 1.0)])
+        await store.keep("z", [Reading("z/T_i", now + 5000.0, 1.0)])
         ahead = await store.run(store.journal.samples_ahead, "z", now)
         await store.set_back("z", checkpoint(make_sample(9).time), checkpoint(now), now)
         assert ahead == 4

@@ -133,7 +133,8 @@ def test_the_file_stays_within_its_limit_and_the_oldest_rows_go_first(
 
 def test_what_was_reset_goes_before_anything_else_with_its_readings(journal: Journal) -> None:
     fill(journal, "living", 1000)
-    journal.keep("living", [Reading("T_i", FIRST + k / 100, 20.0, Quality.GOOD) for k in range(10_000)])
+    posted = [Reading("T_i", FIRST + k / 100, 20.0, Quality.GOOD) for k in range(10_000)]
+    journal.append_all([], [("living", posted)])
     journal.forget("living")
     fill(journal, "living", 1000)
     needed = journal.database.size() - 700_000

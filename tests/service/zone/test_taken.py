@@ -162,7 +162,7 @@ async def test_where_the_journal_fails_nothing_is_promised_and_the_next_try_is(
             raise JournalError("the journal failed (disk full); free space on its disk")
 
         with monkeypatch.context() as failing:
-            failing.setattr(shared.store.journal, "keep", full)
+            failing.setattr(shared.store.journal, "append_all", full)
             with pytest.raises(JournalError):
                 await zone.intake.take("post", [reading(OUTPUT, 10.0, 21.5)])
         assert await shared.store.run(shared.store.journal.kept, "z", 0.0) == []

@@ -18,7 +18,7 @@ from adapters.http.posted import Posted
 from adapters.reading import Fault, Reading
 from service.config.load import load
 from service.daemon.supply.feeds import Feed, Tally
-from service.daemon.supply.ingest import TOGETHER, Ingest
+from service.daemon.supply.ingest import MAX_READINGS, TOGETHER, Ingest
 from service.errors import ServiceError
 from service.records.receipt import Receipt
 from service.web.server.refusal import RequestRefused
@@ -150,3 +150,33 @@ def test_who_posts_again_after_a_failure_loses_no_count_of_any_zone(tmp_path: Pa
 def test_a_zone_that_a_reload_has_taken_away_takes_nothing(feeds: list[Feed], zones: dict[str, Taking]) -> None:
     del zones["living"]
     assert take(Ingest(lambda: feeds, lambda: True), lines("T_i")).accepted == 0
+
+
+async def test_a_value_that_many_channels_ask_for_leaves_the_event_loop_to_others_and_is_bounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The outdoor temperature of 50 rooms: a post of 20,000 would be a million readings."""
+    tables = sound(tmp_path)
+    tables["sources"]["one"] = {"kind": "http"}
+    room = tables["zones"][0]
+    for name, channel in room["channels"].items():
+        room["channels"][name] = {"source": "one", "unit": channel["unit"], "aggregate": "mean"}
+    room["channels"]["T_out"]["name"] = "outdoor"
+    tables["zones"] = [room | {"id": f"room-{k}"} for k in range(50)]
+    zones: dict[str, Any] = {zone["id"]: Taking() for zone in tables["zones"]}
+    feed = Feed("one", load(write(tmp_path, tables)), zones, list(zones), Tally())
+    ingest, now = Ingest(lambda: [feed], lambda: True), time.time()
+
+    def outdoor(count: int) -> list[Posted]:
+        return [Posted("outdoor", 5.0, now - count + k) for k in range(count)]
+
+    with turns_beside() as turns:
+        taken = await ingest.take(outdoor(MAX_READINGS // 50), None)
+    assert taken.accepted == MAX_READINGS
+    assert turns() >= MAX_READINGS / TOGETHER
+    for zone in zones.values():
+        assert [one.time for _, readings in zone.taken for one in readings] == [one.time for one in outdoor(2000)]
+        assert max(len(readings) for _, readings in zone.taken) == TOGETHER / 50
+    with pytest.raises(RequestRefused, match=f"more than {MAX_READINGS} readings; post fewer") as refused:
+        await ingest.take(outdoor(MAX_READINGS // 50 + 1), None)
+    assert refused.value.status == 413
