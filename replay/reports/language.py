@@ -78,15 +78,7 @@ def _section(section: Section, say: Say) -> Section:
 
 
 def _plot(plot: Plot, say: Say) -> Plot:
-    figure = plot.figure
-    figure.update_layout(separators=say("0.5")[1] + " ")
-    figure.for_each_trace(lambda trace: trace.update(name=say(trace.name)) if trace.name else None)
-    for axis in (*figure.select_xaxes(), *figure.select_yaxes()):
-        if axis.title.text:
-            axis.title.text = say(axis.title.text)
-    for note in figure.layout.annotations:
-        note.text = say(note.text)
-    return plot._replace(title=say(plot.title), reading=say(plot.reading))
+    return plot._replace(title=say(plot.title), reading=say(plot.reading), chart=plot.chart._replace(say=say))
 
 
 def _said(language: str, text: str) -> str | None:

@@ -4,20 +4,18 @@ from collections.abc import Mapping
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
-
-from plotly.offline import get_plotlyjs
+from typing import NamedTuple
 
 from replay.errors import writing
+from replay.reports.kit.chart import Chart
 from replay.reports.kit.table import Table, inline
 
 
 class Plot(NamedTuple):
-    """A plotly figure, `height` pixels high, with a title and a sentence on how to read it."""
+    """A chart with a title and a sentence on how to read it."""
 
     name: str
-    figure: Any
-    height: int = 380
+    chart: Chart
     title: str = ""
     reading: str = ""
 
@@ -58,11 +56,11 @@ def write_report(report: Report, out: Path) -> list[Path]:
 
 
 def page(report: Report) -> str:
-    """The report as one HTML page, plotly.js and all."""
+    """The report as one HTML page."""
     lead = "".join(f"<li>{inline(sentence)}</li>" for sentence in report.lead)
     plots = any(section.plots for section in report.sections)
-    style, drawing = (files(__package__).joinpath(name).read_text("utf-8") for name in ("report.css", "report.js"))
-    script = f"<script>{get_plotlyjs()}</script><script>{drawing}</script>" if plots else ""
+    style, reading = (files(__package__).joinpath(name).read_text("utf-8") for name in ("report.css", "report.js"))
+    script = f"<script>{reading}</script>" if plots else ""
     return (
         f"<!doctype html><html lang='{report.language}'><head><meta charset='utf-8'>"
         f"<meta name='viewport' content='width=device-width, initial-scale=1'><title>{escape(report.title)}</title>"
@@ -84,12 +82,7 @@ def _paragraph(text: str) -> str:
 
 
 def _plot(plot: Plot) -> str:
-    figure = plot.figure.update_layout(
-        template="plotly_white", margin={"l": 60, "r": 20, "t": 40, "b": 50}, height=plot.height
-    )
-    # In a script a "</" would end it, whatever a channel is called.
-    drawn = figure.to_json().replace("</", "<\\/")
     return (
-        f"<figure><figcaption>{escape(plot.title)}</figcaption><div class='plot' style='min-height:{plot.height}px'>"
-        f"<script type='application/json'>{drawn}</script></div><p class='reading'>{inline(plot.reading)}</p></figure>"
+        f"<figure class='plot'><figcaption>{escape(plot.title)}</figcaption>{plot.chart.html(plot.title)}"
+        f"<p class='reading'>{inline(plot.reading)}</p></figure>"
     )
