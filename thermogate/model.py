@@ -402,8 +402,8 @@ class Model:
 
         It is called after the file. `language` is "en" or "de".
         """
-        from replay.reports.language import LANGUAGES
         from replay.reports.publish import report_page
+        from service.publish.language import LANGUAGES
 
         if language not in LANGUAGES:
             raise DataError(f"language is {' or '.join(LANGUAGES)}, not {shown(language)}")

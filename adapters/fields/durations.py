@@ -40,3 +40,11 @@ def format_duration(seconds: float) -> str:
         if seconds and seconds % _SECONDS[unit] == 0:
             return f"{seconds / _SECONDS[unit]:.0f}{unit}"
     return f"{seconds:.0f}s" if seconds == int(seconds) else f"{seconds!r}s"
+
+
+def spoken_duration(seconds: float) -> str:
+    """`seconds` as people say them: 90 s, 15 min, 6 h, 24 h."""
+    for unit in ("h", "min"):
+        if seconds and seconds % _SECONDS[unit] == 0:
+            return f"{seconds / _SECONDS[unit]:.0f} {unit}"
+    return f"{seconds:g} s"

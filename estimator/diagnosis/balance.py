@@ -14,10 +14,8 @@ from estimator.arrays import DAY, Array
 from estimator.diagnosis.finding import AGAINST_BALANCE, Finding, amount
 from estimator.diagnosis.record import DAYS, Record
 from estimator.network.assembly import assemble
-from estimator.network.boxes import boxed
 from estimator.network.discretise import heat_loss
 from estimator.network.network import Network
-from estimator.network.presets import takes_box
 from estimator.types import ParameterSummary
 
 FEWEST_DAYS = 4
@@ -87,12 +85,7 @@ def against_balance(network: Network, summary: ParameterSummary, record: Record)
         f"the learned heat loss of {amount(median)} W/K ({amount(lower)} to {amount(upper)}) contradicts the energy "
         f"balance of the last {found.days} days, which needs about {amount(found.heat_loss)} W/K"
     )
-    sentence = f"{problem}; check unit and scale of {heat}, then compare networks with `thermogate experiment topology`"
-    if takes_box(network) and boxed(network) != network:
-        sentence = (
-            f'{problem}; check unit and scale of {heat}, then widen the bounds (box = "wide") or compare networks with '
-            "`thermogate experiment topology`"
-        )
+    sentence = f"{problem}; check unit and scale of {heat}, and whether other heating is not measured"
     return [Finding(AGAINST_BALANCE, "heat_loss", sentence)]
 
 

@@ -79,15 +79,10 @@ def carried(bank: Bank, state: Any) -> list[Finding]:
     findings = []
     if blind > _MOST:
         problem = (
-            f"most of the forecast {hours:.0f} h ahead comes from models that know no building, so something acts on "
-            "the room that no channel tells"
+            f"most of the forecast {hours:.0f} h ahead follows the habits of the room, not its building, so something "
+            "acts on it that is not measured"
         )
-        sentence = f"{problem}; compare networks with `thermogate experiment topology`"
-        if absent := _absent(bank.network):
-            sentence = (
-                f"{problem}; add channels for {absent}, or compare networks with `thermogate experiment topology`"
-            )
-        findings.append(Finding(MISSES_SOMETHING, "zone", sentence))
+        findings.append(Finding(MISSES_SOMETHING, "zone", f"{problem}; measure {_absent(bank.network)} as well"))
     for one in variants(bank, state):
         if one.variant != "own" and one.weight > _MOST:
             sentence = (
@@ -99,10 +94,11 @@ def carried(bank: Bank, state: Any) -> list[Finding]:
 
 
 def _absent(network: Network) -> str:
-    """What acts on most rooms and has no channel in `network`; empty if there is nothing."""
+    """What acts on most rooms and has no channel in `network`; without that, on some."""
     sun = any(heat.unit == "W/m2" for heat in network.heat_inputs)
     neighbours = len(network.boundaries) > 1
-    return " and ".join(name for name, there in (("the sun", sun), ("the neighbours", neighbours)) if not there)
+    absent = [name for name, there in (("the sun", sun), ("the rooms next door", neighbours)) if not there]
+    return " and ".join(absent) or "what else heats or cools it, such as ventilation,"
 
 
 def _members(bank: Bank, state: Any) -> list[_Member]:

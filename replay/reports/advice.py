@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from estimator.diagnosis.finding import AGAINST_BALANCE, MISSES_SOMETHING
 from replay.localtime import HOUR
 from replay.recorded.trace import Trace
 from replay.reports.kit.document import Document
@@ -27,6 +28,8 @@ def advice(trace: Trace, found: Diagnostics) -> list[str]:
     # A sentence may begin with the name of a parameter, so it keeps its small letter.
     sentences = [f"`{finding.finding}`: {finding.sentence}." for finding in trace.diagnosis.findings]
     document = Document(__package__)
+    if any(one.finding in (AGAINST_BALANCE, MISSES_SOMETHING) for one in trace.diagnosis.findings):
+        sentences += document.lines("Another network")
     for heading, values in (*_from_skill(trace), *_from_intervals(trace), *_from_residuals(trace, found)):
         sentences += document.lines(heading, **values)
     return sentences or list(document.lines("Nothing to change"))

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from tqdm import tqdm
 
-from adapters.fields.durations import format_duration
+from adapters.fields.durations import spoken_duration
 from replay.recorded.trace import Trace
 from replay.reports import plots, tables
 from replay.reports.advice import advice
@@ -58,7 +58,7 @@ def _answers(room: Room) -> tuple[str, ...]:
 def _trusted(trust: Trust) -> str:
     """How far ahead the forecasts can be relied on, where they cannot, and why."""
     good, doubted = (
-        ", ".join(format_duration(one.lead) for one in trust.horizons if one.level in levels)
+        ", ".join(spoken_duration(one.lead) for one in trust.horizons if one.level in levels)
         for levels in ((TRUSTED,), (DOUBTFUL, UNTRUSTED))
     )
     told = f"nothing speaks against the forecasts {good} ahead" if good and not trust.beaten else ""

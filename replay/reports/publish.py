@@ -7,8 +7,9 @@ from replay.errors import writing
 from replay.recorded.trace import Trace
 from replay.reports import tables
 from replay.reports.kit.report import page
-from replay.reports.language import LANGUAGES, in_language, sayer, table_in
+from replay.reports.language import in_language, sayer, table_in
 from replay.reports.page import report
+from service.publish.language import LANGUAGES
 
 FILE = "report.html"
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adapters.fields.durations import format_duration
+from adapters.fields.durations import spoken_duration
 from adapters.fields.times import ZoneMissing, parse_time, utc, written_time
 from estimator.arrays import Array, Indices
 from estimator.foresight import FUTURES
@@ -49,7 +49,7 @@ def refusal(trust: Trust, lead: float) -> str | None:
     horizon = trust.at(lead)
     if horizon is None or horizon.level != UNTRUSTED:
         return None
-    return f"is not trusted {format_duration(horizon.lead)} ahead: {horizon.reason}"
+    return f"is not trusted {spoken_duration(horizon.lead)} ahead: {horizon.reason}"
 
 
 def moment(text: str, start: float, local: tzinfo) -> float:
@@ -80,7 +80,7 @@ def check_until(by: float, start: float, period: float) -> None:
     if by <= start:
         raise PlanError(f"is {written_time(by)}, which is over; give a time after {written_time(start)}")
     if by - start > MAX_STEPS * period:
-        raise PlanError(f"lies more than {format_duration(MAX_STEPS * period)} ahead, which is as far as is forecast")
+        raise PlanError(f"lies more than {spoken_duration(MAX_STEPS * period)} ahead, which is as far as is forecast")
 
 
 class PreheatQuestion(NamedTuple):

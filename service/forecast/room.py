@@ -30,7 +30,7 @@ from service.forecast.looking_back import last_day, likely_lost, lost_heat, ofte
 from service.forecast.shares import Shares
 from service.records.outlook import Weather
 from service.records.series import GAIN, Series
-from service.records.trust import UNTRUSTED, Trust
+from service.records.trust import TRUSTED, UNTRUSTED, Trust
 from service.zone.worker import Standing, ZoneWorker
 
 WARM = 1.0
@@ -411,6 +411,8 @@ _FROM_FINDINGS = dict.fromkeys(kinds.TELEMETRY, -1) | {
 }
 """Findings that call for something to be done, and how urgent that is; the others are for who reads parameters."""
 
+_NO_CONTROLLER = "do not let a controller rely on the forecasts yet"
+
 
 def _for_comfort(comfort: Comfort, past: Past, warming: float, heated: Callable[[Mask], float]) -> Iterator[ToDo]:
     """What to do about an uncomfortable room; `warming` [h] is how long it usually takes to be warm after a setback, 0
@@ -432,10 +434,9 @@ def for_the_model(diagnosis: Diagnosis, trust: Trust) -> Iterator[ToDo]:
     if untrusted:
         # What follows from a finding is mended with it.
         if untrusted[0] not in told:
-            yield ToDo("do not let a controller rely on the forecasts yet", untrusted[0], 4.5)
-    elif trust.beaten:
-        parts = trust.beaten.split("; ")
-        yield ToDo(parts[-1], parts[0], 4.5)
+            yield ToDo(_NO_CONTROLLER, untrusted[0], 4.5)
+    elif trust.beaten and not any(one.verified == one.issued == TRUSTED for one in trust.horizons):
+        yield ToDo(_NO_CONTROLLER, trust.beaten.split("; ")[0], 4.5)
 
 
 def _against_cold(comfort: Comfort, past: Past, warming: float, heated: float) -> tuple[str, str]:

@@ -14,6 +14,7 @@ from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 from adapters.fields.times import written_time
 from service.pauses import within
+from service.publish.language import LANGUAGES
 from service.publish.payloads import AheadPayload
 from service.publish.sinks import Announcement, Sink
 from service.records.measures import Measure, single
@@ -38,18 +39,21 @@ def event(kind: str, payload: bytes, time: int | None) -> Event:
     return Event(kind, format_sse_event(event=kind, id=stamp, data_str=payload.decode()))
 
 
-def events_of(announcement: Announcement) -> list[Event]:
-    """What is announced, as events."""
+def events_of(announcement: Announcement, language: str = LANGUAGES[0]) -> list[Event]:
+    """What is announced, as events in `language`."""
     update = announcement.update
     time = None if update is None else update.time
     times = {"status": announcement.status.last_sample_time}
-    return [event(topic, announcement.payload(topic), times.get(topic, time)) for topic in announcement.topics]
+    return [
+        event(topic, announcement.payload(topic, language), times.get(topic, time)) for topic in announcement.topics
+    ]
 
 
 class Stream:
-    """What one client has not been sent yet."""
+    """What one client, who reads `language`, has not been sent yet."""
 
-    def __init__(self) -> None:
+    def __init__(self, language: str = LANGUAGES[0]) -> None:
+        self.language = language
         self._pending: dict[str, bytes] = {}
         self._news = asyncio.Event()
         self._over = asyncio.Event()
@@ -110,10 +114,10 @@ class Streams(Sink):
         self._ended = False
 
     @contextmanager
-    def opened(self, zone: str = EVERY_ZONE) -> Iterator[Stream]:
-        """A stream of `zone`'s events from now on, for as long as the context lasts."""
+    def opened(self, zone: str = EVERY_ZONE, language: str = LANGUAGES[0]) -> Iterator[Stream]:
+        """A stream of `zone`'s events in `language` from now on, for as long as the context lasts."""
         self._loop = asyncio.get_running_loop()
-        stream = Stream()
+        stream = Stream(language)
         if self._ended:
             stream.end()
         self._open.setdefault(zone, set()).add(stream)
@@ -155,7 +159,8 @@ class Streams(Sink):
         if ahead is not None:
             self.ahead[zone] = ahead
         if zone in self._open:
-            self._in_loop(self._leave, zone, events_of(announcement))
+            read = {stream.language for stream in tuple(self._open.get(zone, ()))}
+            self._in_loop(self._leave, zone, {language: events_of(announcement, language) for language in read})
         if EVERY_ZONE in self._open:
             self._in_loop(self.note, zone)
 
@@ -173,6 +178,7 @@ class Streams(Sink):
             with suppress(RuntimeError):
                 self._loop.call_soon_threadsafe(work, *arguments)
 
-    def _leave(self, zone: str, events: list[Event]) -> None:
+    def _leave(self, zone: str, events: dict[str, list[Event]]) -> None:
         for stream in self._open.get(zone, ()):
-            self.overtaken += stream.put(events)
+            # One that was opened meanwhile in another language begins with the state of now.
+            self.overtaken += stream.put(events.get(stream.language, ()))

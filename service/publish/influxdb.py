@@ -124,7 +124,7 @@ class Writer(Sink):
     def publish(self, announcement: Announcement) -> None:
         """Leave what is announced for the thread."""
         with self._news:
-            for topic, document in announcement.lasting.items():
+            for topic, document in announcement.lasting().items():
                 self._waiting.append(_Waiting(topic, document, time.time()))
                 self._held += len(document)
             self._drop_the_oldest()

@@ -10,19 +10,20 @@ import asyncio
 import logging
 import threading
 from collections.abc import Iterator
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from adapters.background import Background
 from adapters.errors import SourceError
 from adapters.fields.addresses import web_address
-from adapters.fields.values import Flag
+from adapters.fields.values import Flag, choice
 from adapters.fields.words import shown
 from adapters.mqtt.broker import BrokerConfig, Topic
 from adapters.mqtt.client import IN_FLIGHT, Client, Will, connected
 from service.pauses import GrowingPause, within
 from service.publish.home_assistant import discovery
+from service.publish.language import LANGUAGES
 from service.publish.sinks import Announcement, Sink, SinkKind
 from service.records.measures import Measure, single
 
@@ -47,6 +48,9 @@ class MqttConfig(BrokerConfig):
         default=None,
         description='where browsers find the page, such as `"http://192.168.1.20:8080"`: each device links to its room',
     )
+    language: Annotated[Literal["en", "de"], BeforeValidator(choice(*LANGUAGES))] = Field(
+        default="en", description="of reasons, findings and other sentences"
+    )
 
     @model_validator(mode="after")
     def _somewhere(self) -> Self:
@@ -65,10 +69,16 @@ class Publisher(Sink):
     """A client of a broker, in a thread of its own. Methods may be called from any thread."""
 
     def __init__(
-        self, broker: BrokerConfig, site: str, discovery_prefix: str | None = None, page: str | None = None
+        self,
+        broker: BrokerConfig,
+        site: str,
+        discovery_prefix: str | None = None,
+        page: str | None = None,
+        language: str = LANGUAGES[0],
     ) -> None:
         """`discovery_prefix`: what the topics of Home Assistant's discovery begin with; None: it is told nothing.
-        `page`: the address of the page for people."""
+        `page`: the address of the page for people. `language`: of sentences."""
+        self._language = language
         self._broker, self._site, self._prefix, self._page = broker, site, discovery_prefix, page
         self._available = f"thermogate/{site}/availability"
         self._background = Background("mqtt-publisher")
@@ -106,7 +116,7 @@ class Publisher(Sink):
         """Leave what is announced for the broker, each message in the place of an older one of its topic; the same as
         before is not sent again."""
         zone, base = announcement.zone, self._base(announcement.zone)
-        messages = {f"{base}/{topic}": document for topic, document in announcement.lasting.items()}
+        messages = {f"{base}/{topic}": document for topic, document in announcement.lasting(self._language).items()}
         with self._lock:
             told = self._described.get(zone)
             if told is None:
@@ -214,7 +224,8 @@ def _open(table: MqttConfig, site: str) -> Publisher | None:
     if table.host is None:
         return None
     broker = table.called(f"thermogate-{site}")
-    return Publisher(broker, site, table.discovery_prefix if table.home_assistant else None, table.page).open()
+    prefix = table.discovery_prefix if table.home_assistant else None
+    return Publisher(broker, site, prefix, table.page, table.language).open()
 
 
 KIND = SinkKind("mqtt", MqttConfig, _open)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
-from functools import cached_property
 from typing import Any, NamedTuple
 
 from adapters.fields.logins import LoginConfig
 from service.errors import ServiceError
+from service.publish.language import LANGUAGES, told_in
 from service.publish.payloads import (
     AheadPayload,
     ForecastPayload,
@@ -27,6 +27,9 @@ from service.records.trust import Trust
 
 TOPICS = ("forecast", "ahead", "volatility", "gate", "gain", "skill", "trust", "status")
 """What a zone can tell, each as a JSON document of its own."""
+
+_SPEAKING = ("trust", "status")
+"""Topics with sentences."""
 
 _log = logging.getLogger(__name__)
 
@@ -89,22 +92,23 @@ class Announcement:
             told["gain"] = self.update.disturbance is not None
         return tuple(topic for topic in TOPICS if told.get(topic, False))
 
-    @cached_property
-    def lasting(self) -> dict[str, bytes]:
-        """The documents of `topics` for sinks whose last word stays: also the forecast, marked bad, where the status
-        alone has changed and the zone can no longer vouch for it. Who comes later must not take it for good."""
-        told = {topic: self.payload(topic) for topic in self.topics}
+    def lasting(self, language: str = LANGUAGES[0]) -> dict[str, bytes]:
+        """The documents of `topics` in `language` for sinks whose last word stays: also the forecast, marked bad, where
+        the status alone has changed and the zone can no longer vouch for it. Who comes later must not take it for
+        good."""
+        told = {topic: self.payload(topic, language) for topic in self.topics}
         if self.occasion is Occasion.STATUS and self.update is not None:
             issued = ForecastPayload.of(self.update)
             if vouched(issued, self.status).quality is not issued.quality:
-                told["forecast"] = self.payload("forecast")
+                told["forecast"] = self.payload("forecast", language)
         return told
 
-    def payload(self, topic: str) -> bytes:
-        """The document of `topic`, one of `topics`; the forecast also where the status alone has changed."""
+    def payload(self, topic: str, language: str = LANGUAGES[0]) -> bytes:
+        """The document of `topic`, one of `topics`, in `language`; the forecast also where the status alone has
+        changed."""
         if topic not in self._rendered:
             self._rendered[topic] = document(self._told(topic), self._site, self.zone)
-        return self._rendered[topic]
+        return told_in(language, self._rendered[topic]) if topic in _SPEAKING else self._rendered[topic]
 
     def _told(self, topic: str) -> Any:
         """The record of `topic`."""

@@ -162,7 +162,7 @@ class Publisher(Sink):
         """Put what is announced, a forecast that is told again only once; ServiceError if the session has failed.
         Nothing after `close`."""
         base = self._base(announcement.zone)
-        for topic, document in announcement.lasting.items():
+        for topic, document in announcement.lasting().items():
             if topic in announcement.topics or self._last.get(f"{base}/{topic}") != document:
                 self._put(f"{base}/{topic}", document)
 

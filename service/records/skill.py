@@ -2,7 +2,7 @@
 
 from typing import Literal, NamedTuple, Self
 
-from adapters.fields.durations import format_duration
+from adapters.fields.durations import spoken_duration
 from service.records.record import Number, Time, constant, record, shown
 
 ENOUGH = 24
@@ -24,7 +24,7 @@ class Better(NamedTuple):
 
     def __str__(self) -> str:
         return (
-            f"{format_duration(self.lead)} ahead, {self.name} is the better forecast: off by {self.error:.2f} K in 7 "
+            f"{spoken_duration(self.lead)} ahead, {self.name} is the better forecast: off by {self.error:.2f} K in 7 "
             f"days, the model by {self.own:.2f} K"
         )
 
@@ -67,7 +67,7 @@ class HorizonSkill(Verified):
     @property
     def simpler(self) -> tuple[tuple[str, float], ...]:
         """The same with the regression."""
-        return (("no change", self.persistence_rmse), ("a regression on the last hours", self.arx_rmse))
+        return (("no change", self.persistence_rmse), ("a simple estimate from the last hours", self.arx_rmse))
 
     @classmethod
     def of(

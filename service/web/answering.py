@@ -7,9 +7,9 @@ from functools import reduce, wraps
 from http import HTTPStatus
 from inspect import iscoroutinefunction, signature
 from operator import or_
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Response
+from fastapi import APIRouter, Depends, Query, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 
@@ -21,6 +21,8 @@ from service.web.problems import RETRY_SECONDS, documented
 from service.web.server.refusal import RequestRefused
 
 _EVENTS = "text/event-stream"
+
+Language = Annotated[Literal["en", "de"], Query(description="of the sentences")]
 
 Route = Callable[..., Any]
 """Takes `site`, `view` if it is about a zone, and what else it asks for; returns a record, or an answer of its own."""

@@ -11,7 +11,7 @@ from adapters.fields.times import parse_time
 from service.publish.events import Event, event, events_of
 from service.publish.sinks import TOPICS, Announcement, Reports
 from service.records.record import document
-from service.web.answering import epoch, route, streamed, streaming
+from service.web.answering import Language, epoch, route, streamed, streaming
 from service.web.history import history_of
 from service.web.site import Asked, Here
 
@@ -31,6 +31,7 @@ async def stream(
     site: Here,
     view: Asked,
     last_event_id: Annotated[str | None, Header(description="id of the last event that came")] = None,
+    language: Language = "en",
 ) -> Response:
     """Every new forecast, ahead, volatility, gate, gain, skill, trust and status as it is issued"""
     since, missed = epoch(_sample_time(last_event_id)), list[Event]()
@@ -39,10 +40,10 @@ async def stream(
         missed.append(event("history", written, None))
 
     async def events() -> AsyncIterator[bytes]:
-        with site.streams.opened(view.id) as opened:
+        with site.streams.opened(view.id, language) as opened:
             state = view.now()
             reports = Reports(trust=state.trust, ahead=site.streams.ahead.get(view.id))
-            opened.put([*missed, *events_of(Announcement(site.id, view.id, state, reports=reports))])
+            opened.put([*missed, *events_of(Announcement(site.id, view.id, state, reports=reports), language)])
             async for data in opened.read():
                 yield data
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from adapters.fields.durations import format_duration
+from adapters.fields.durations import spoken_duration
 from estimator.diagnosis.finding import AGAINST_BALANCE, IMPLAUSIBLE, MISSES_SOMETHING, TELEMETRY, Diagnosis
 from estimator.types import Outcome
 from service.records.skill import Better, HorizonSkill, IssuedSkill, Skill
@@ -111,7 +111,7 @@ def _compared(better: Mapping[int, Better], good: Sequence[int]) -> str:
     """Where simpler forecasts are better, and at which horizons [s] the zone's may be relied on."""
     if not better:
         return ""
-    reliable = ", ".join(format_duration(lead) for lead in good)
+    reliable = ", ".join(spoken_duration(lead) for lead in good)
     remedy = f"rely on the model {reliable} ahead" if good else "do not rely on the model yet"
     return "; ".join([*map(str, better.values()), remedy])
 
@@ -165,12 +165,13 @@ def _held_too_little(week: IssuedSkill | None, day: IssuedSkill | None, threshol
 
 
 def _held(window: HorizonSkill | IssuedSkill, when: str) -> str:
-    return f"the 95 % intervals {format_duration(window.lead)} ahead held {window.coverage:.0%} of what came {when}"
+    share = f"{100.0 * window.coverage:.0f} %"
+    return f"the 95 % intervals {spoken_duration(window.lead)} ahead held {share} of what came {when}"
 
 
 def _verdict(week: HorizonSkill, day: HorizonSkill, diagnosis: Diagnosis, thresholds: dict[str, Threshold]) -> Verdict:
     if week.forecasts < NEEDED:
-        count = f"{week.forecasts} forecasts {format_duration(week.lead)} ahead were verified in 7 days"
+        count = f"{week.forecasts} forecasts {spoken_duration(week.lead)} ahead were verified in 7 days"
         return LEARNING, f"{count}; it takes {NEEDED}"
     findings = {finding.finding: finding.sentence for finding in diagnosis.findings}
     if IMPLAUSIBLE in findings:
@@ -197,7 +198,7 @@ def _below(week: HorizonSkill, day: HorizonSkill, threshold: Threshold) -> str |
         return _held(week, "in 7 days")
     if not _skilful(week, threshold):
         return (
-            f"forecasts {format_duration(week.lead)} ahead were off by {week.rmse:.2f} K in 7 days, and a forecast of "
+            f"forecasts {spoken_duration(week.lead)} ahead were off by {week.rmse:.2f} K in 7 days, and a forecast of "
             f"no change by {week.persistence_rmse:.2f} K"
         )
     return None

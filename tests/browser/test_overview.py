@@ -103,7 +103,7 @@ def test_a_room_that_is_colder_than_its_set_point_comes_before_the_others(serve:
 
 def test_a_room_that_was_too_cold_comes_before_one_whose_forecast_is_outdone(serve: Any, visit: Any) -> None:
     outdone, cold = running("a-forecast"), running("b-cold", 48)
-    outdone.trusted = Trust(0, (HorizonTrust(6 * 3600, "trusted", "", 0),), beaten="6h ahead, no change is better")
+    outdone.trusted = Trust(0, (HorizonTrust(6 * 3600, "trusted", "", 0),), beaten="6 h ahead, no change is better")
     cold.updates = [update._replace(setpoint=21.0) for update in cold.updates[:-1]] + cold.updates[-1:]
     page = visit(serve({zone.id: zone for zone in (outdone, cold)}).url).page
     page.wait_for_selector("[data-zone=b-cold] .cell-finding >> text=too cold for 4 h of 7 days")
@@ -116,11 +116,13 @@ def test_what_only_experts_mend_calls_for_nobody_and_a_forecast_that_is_outdone_
     serve: Any, visit: Any
 ) -> None:
     expert, outdone = comfortable(doubted("expert")), comfortable(running("outdone"))
-    better = "1h ahead, no change is the better forecast: off by 0.2 K, the model by 0.3 K; rely on the model 6h ahead"
+    better = (
+        "1 h ahead, no change is the better forecast: off by 0.2 K, the model by 0.3 K; rely on the model 6 h ahead"
+    )
     trusted = (HorizonTrust(6 * 3600, "trusted", "", 0),)
     outdone.trusted = Trust(0, trusted, beaten=better, good_up_to=900)
     further = comfortable(running("further"))
-    further.trusted = Trust(0, trusted, beaten="1d ahead, no change is the better forecast", good_up_to=6 * 3600)
+    further.trusted = Trust(0, trusted, beaten="24 h ahead, no change is the better forecast", good_up_to=6 * 3600)
     page = visit(serve({zone.id: zone for zone in (expert, outdone, further)}).url).page
     page.wait_for_selector(ROWS)
     assert page.locator('[data-zone="expert"] .cell-finding').inner_text() == "nothing unusual"

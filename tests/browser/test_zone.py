@@ -148,20 +148,22 @@ def test_trust_is_told_with_its_reason(serve: Any, visit: Any) -> None:
     page.wait_for_selector("text=Take the forecast with care 6 h ahead; 1 h ahead, nothing speaks against it.")
     page.wait_for_selector("text=6 h ahead, the forecast is doubtful:")
     assert page.locator(".doubt li [lang=en]").inner_text() == narrow
-    acts, beaten = "something acts on the zone", "1d ahead, no change is the better forecast"
+    acts, beaten = "something acts on the zone", "24 h ahead, no change is the better forecast"
     doubted = [HorizonTrust(lead, "doubtful", acts, START) for lead in (3600, 21600)]
-    zone.trusted = Trust(START, tuple(doubted), disturbed=True, beaten=f"{beaten}; rely on the model 1h ahead")
+    zone.trusted = Trust(START, tuple(doubted), disturbed=True, beaten=f"{beaten}; rely on the model 1 h ahead")
     page.goto(f"{house.url}#/zone/living")
     page.reload()
     page.wait_for_selector("text=1 h, 6 h ahead, the forecast is doubtful: something acts on the zone")
     assert "rely on the model" not in page.locator(".doubt").inner_text(), "not while something disturbs it"
-    zone.trusted = Trust(START, horizons[:1], beaten="6h ahead, a regression on the last hours is the better forecast")
+    zone.trusted = Trust(
+        START, horizons[:1], beaten="6 h ahead, a simple estimate from the last hours is the better forecast"
+    )
     page.goto(house.url)
     page.wait_for_selector('[data-zone="living"]')
     assert "simpler forecast" in page.locator('[data-zone="living"] .cell-finding').inner_text()
     page.locator('[data-zone="living"] a').click()
     page.wait_for_selector("text=Take the forecast with care where a simpler one is better:")
-    page.wait_for_selector(".doubt.warned >> text=a regression on the last hours is the better forecast")
+    page.wait_for_selector(".doubt.warned >> text=a simple estimate from the last hours is the better forecast")
 
 
 def test_the_daemon_speaks_german_on_the_german_page(serve: Any, visit: Any) -> None:

@@ -86,5 +86,5 @@ def test_what_cannot_be_answered_is_refused_in_a_sentence(model, ask, sentence):
 def test_a_model_that_is_not_trusted_refuses(model, monkeypatch):
     told = Trust(0, (HorizonTrust(86400, "untrusted", "its forecasts were worse than persistence", 0),))
     monkeypatch.setattr(model._session.worker, "trust", told)
-    with pytest.raises(tg.DataError, match="the model is not trusted 1d ahead: its forecasts were worse"):
+    with pytest.raises(tg.DataError, match="the model is not trusted 24 h ahead: its forecasts were worse"):
         model.demand()

@@ -3,11 +3,13 @@
 import math
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Query, Response
 
 from service.forecast.answers import Room
 from service.forecast.room import Past, RoomQuestion
-from service.web.answering import asked, route
+from service.publish.language import told_in
+from service.records.record import document
+from service.web.answering import Language, asked, json_answer, route
 from service.web.site import Asked, Here
 
 DAYS = 7
@@ -25,10 +27,12 @@ async def room(
     site: Here,
     view: Asked,
     days: Annotated[int, Query(ge=1, le=28, description="days up to the newest sample that are looked at")] = DAYS,
-) -> Room:
+    language: Language = "en",
+) -> Response:
     """How the room does, what it is like, and what to do, in sentences"""
     last = view.now().status.last_sample_time
     end = 0 if last is None else math.ceil(last + view.period)
     series = await view.series(end - days * _DAY, end, days * POINTS + 1)
     question = RoomQuestion(Past.of(series), view.surroundings.floor_area, site.backend.time_zone)
-    return await asked(view, question)
+    found = await asked(view, question)
+    return json_answer(told_in(language, document(found, site.id, view.id)))

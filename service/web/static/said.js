@@ -34,14 +34,8 @@ export async function loadSaid(language) {
   catalogue = found.toSorted((one, other) => other.literal - one.literal);
 }
 
-// Lengths of time, which the daemon writes as a configuration does, as people write them, and a day as the rest of the page does.
-const spaced = (text) => text.replace(/(?<![^\s(])(\d+)(min|[dhs])(?![^\s,.;:)])/g, (all, count, unit) => (all === "1d" ? "24 h" : `${count} ${unit}`));
-
-// A number with the reader's decimal sign, and lengths of time with a space.
-function localised(value) {
-  if (/^-?\d+\.\d+$/.test(value)) return value.replace(".", (0.5).toLocaleString(document.documentElement.lang).charAt(1));
-  return spaced(value);
-}
+// A number with the reader's decimal sign.
+const localised = (value) => (/^-?\d+\.\d+$/.test(value) ? value.replace(".", (0.5).toLocaleString(document.documentElement.lang).charAt(1)) : value);
 
 function translation(text) {
   for (const { names, pattern, translated } of catalogue) {
@@ -64,12 +58,12 @@ function translation(text) {
 
 // The sentence, and the language that it then is in.
 export function said(text) {
-  if (!catalogue.length) return { text: spaced(text), lang: "en" };
+  if (!catalogue.length) return { text, lang: "en" };
   if (!known.has(text)) {
     // A thousand rooms say much the same; what they said before is let go of.
     if (known.size >= REMEMBERED) known.clear();
     known.set(text, translation(text));
   }
   const found = known.get(text);
-  return found === null ? { text: spaced(text), lang: "en" } : { text: found, lang: document.documentElement.lang };
+  return found === null ? { text, lang: "en" } : { text: found, lang: document.documentElement.lang };
 }

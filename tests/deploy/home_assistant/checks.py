@@ -206,6 +206,16 @@ async def test_a_zone_is_pasted_and_the_daemon_takes_it(hass: HomeAssistant) -> 
     await until(hass, lambda: rooms(hass, entry).keys() == {"living"} and known(hass, "state"))
 
 
+async def test_sentences_are_in_the_language_of_home_assistant(hass: HomeAssistant) -> None:
+    hass.config.language = "de"
+    entry = await connected(hass)
+    await until(hass, lambda: known(hass, "advice"))
+    answers = hass.states.get("sensor.thermogate_living_advice").attributes["answers"]
+    assert "h zu kalt und" in answers[0]["sentence"]
+    streamed = coordinator(hass, entry).data["living"]
+    assert " ahead" not in json.dumps([streamed["trust"], streamed["status"]])
+
+
 async def test_a_room_with_forecasts(hass: HomeAssistant) -> None:
     """Devices, sensors, services and diagnostics, with what the daemon says at the same time."""
     entry = await connected(hass)

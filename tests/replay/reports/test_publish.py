@@ -100,10 +100,10 @@ class Page(HTMLParser):
 @pytest.mark.parametrize(
     ("levels", "beaten", "told"),
     [
-        (("trusted", "trusted"), "", "Nothing speaks against the forecasts 1h, 6h ahead."),
-        (("doubtful", "trusted"), "", "care 1h ahead; nothing speaks against the forecasts 6h ahead; too narrow."),
-        (("trusted", "trusted"), "6h ahead, no change", "Take the forecasts with care; 6h ahead, no change."),
-        (("doubtful", "trusted"), "6h ahead, no change", "care 1h ahead; too narrow; 6h ahead, no change."),
+        (("trusted", "trusted"), "", "Nothing speaks against the forecasts 1 h, 6 h ahead."),
+        (("doubtful", "trusted"), "", "care 1 h ahead; nothing speaks against the forecasts 6 h ahead; too narrow."),
+        (("trusted", "trusted"), "6 h ahead, no change", "Take the forecasts with care; 6 h ahead, no change."),
+        (("doubtful", "trusted"), "6 h ahead, no change", "care 1 h ahead; too narrow; 6 h ahead, no change."),
         (("learning", "learning"), "", "Take the forecasts with care."),
     ],
 )
@@ -373,14 +373,3 @@ def test_a_page_of_hostile_names_keeps_them_text(replayed, tmp_path):
     text = (tmp_path / "report.html").read_text()
     assert hostile not in text
     assert len(re.findall(r"<script>", text)) == 1, "what reads the charts"
-
-
-@pytest.mark.parametrize(
-    ("sentence", "read"),
-    [
-        ("rely on the model 15min, 1h ahead", "rely on the model 15 min, 1 h ahead"),
-        ("report: out/7d/report.html", "report: out/7d/report.html"),
-    ],
-)
-def test_lengths_of_time_are_written_as_people_do_and_places_as_they_are(sentence, read):
-    assert sayer("en")(sentence) == read

@@ -258,10 +258,16 @@ def test_discomfort_has_a_remedy_that_fits_its_cause(worker, past, what):
 def test_forecasts_that_are_no_good_are_told(worker, monkeypatch):
     calm = PAST._replace(setpoint=OUTPUTS[:, 0])
     assert asked(worker, calm).to_do == ()
-    beaten = "6h ahead, no change is the better forecast; rely on the model 1h ahead"
+    beaten = "6 h ahead, no change is the better forecast; rely on the model 1 h ahead"
     monkeypatch.setattr(worker, "trust", Trust(beaten=beaten))
     (one,) = asked(worker, calm).to_do
-    assert (one.what, one.why) == ("rely on the model 1h ahead", "6h ahead, no change is the better forecast")
+    assert (one.what, one.why) == (
+        "do not let a controller rely on the forecasts yet",
+        "6 h ahead, no change is the better forecast",
+    )
+    good = HorizonTrust(3600, "doubtful", "a window", 0, verified="trusted")
+    monkeypatch.setattr(worker, "trust", Trust(0, (good,), beaten=beaten, disturbed=True))
+    assert asked(worker, calm).to_do == (), "how far they are good is told with the trust"
     monkeypatch.setattr(worker, "trust", Trust(0, (HorizonTrust(3600, "untrusted", "too narrow", 0),), beaten=beaten))
     (one,) = asked(worker, calm).to_do
     assert one.why == "too narrow"

@@ -16,7 +16,9 @@ import service.publish.events
 from service.forecast.ahead import LookingAhead
 from service.publish.events import Event, Stream, Streams
 from service.publish.payloads import ForecastPayload, GatePayload, VolatilityPayload
+from service.publish.sinks import Announcement, Occasion
 from service.records.record import document
+from service.records.trust import HorizonTrust, Trust
 from service.web.app import create_app
 from service.web.site import Backend
 
@@ -68,12 +70,12 @@ class Site:
     def open(self):
         return self.app.state.limiter.open("streams")
 
-    async def connect(self, headers="", deaf=False):
+    async def connect(self, headers="", deaf=False, query=""):
         # A reader with a tiny limit stops reading from its socket until it is asked to.
         client = await Listener.to(self.server, limit=16 if deaf else 2**16)
         if deaf:
             client.writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
-        await client.send(f"GET /zones/living/stream HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n".encode())
+        await client.send(f"GET /zones/living/stream{query} HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n".encode())
         self.clients.append(client)
         return client
 
@@ -188,6 +190,21 @@ async def test_a_client_that_never_reads_holds_four_events_and_is_cut_off_or_lef
                 assert not stuck.writer.is_closing(), "it was not the client who left"
         assert well.rest.endswith(b"0\r\n\r\n"), "the answer was completed"
         assert not stuck.rest.endswith(b"0\r\n\r\n")
+
+
+async def test_sentences_are_in_the_language_that_is_asked_for():
+    zone = running("living")
+    zone.trusted = Trust(START, (HorizonTrust(300, "doubtful", "do not rely on the model yet", START),))
+    async with opened(zone=zone) as server:
+        german, english = await server.connect(query="?language=de"), await server.connect()
+        begun = [{kind: data for kind, _, data in await client.events(5)}["trust"] for client in (german, english)]
+        reasons = [trust["horizons"][0]["reason"] for trust in begun]
+        assert reasons == ["noch nicht auf das Modell verlassen", "do not rely on the model yet"]
+        zone.state, zone.reason = "stalled", "its recording has come to an end"
+        state = zone.now()
+        await asyncio.to_thread(server.streams.publish, Announcement(SITE, "living", state, Occasion.STATUS))
+        for client, told in ((german, "die Aufzeichnung ist zu Ende"), (english, "its recording has come to an end")):
+            assert (await client.events(6))[-1][2]["reason"] == told
 
 
 async def test_a_client_that_comes_later_hears_the_hours_ahead_at_once():

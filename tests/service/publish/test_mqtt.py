@@ -8,12 +8,13 @@ from typing import Any
 
 import pytest
 from support.broker import Mosquitto, Party, broker
-from support.fake_zones import announced, make_update, running, waiting
+from support.fake_zones import START, announced, make_update, running, waiting
 from support.waiting import wait_until
 
 from service.publish import mqtt
 from service.publish.mqtt import MqttConfig, Publisher
 from service.publish.sinks import TOPICS, Announcement, Occasion, Reports
+from service.records.trust import HorizonTrust, Trust
 
 AVAILABLE = "thermogate/htwg/availability"
 LIVING = "thermogate/htwg/living/"
@@ -26,9 +27,9 @@ def site(tmp_path: Path) -> Iterator[Mosquitto]:
 
 
 @contextmanager
-def publishing(port: int, prefix: str | None = None) -> Iterator[Publisher]:
+def publishing(port: int, prefix: str | None = None, language: str = "en") -> Iterator[Publisher]:
     table = MqttConfig(host="127.0.0.1", port=port, client_id="thermogate-htwg", timeout=2.0)
-    opened = Publisher(table, "htwg", prefix)
+    opened = Publisher(table, "htwg", prefix, language=language)
     opened.add("living")
     yield opened.open()
     opened.close()
@@ -96,6 +97,20 @@ def test_what_nobody_expects_does_not_end_it(
     with publishing(site.port), Party(site.port, AVAILABLE) as watching:
         wait_until(lambda: watching.newest().get(AVAILABLE) == b"online")
     assert "[mqtt]: the publisher failed: RuntimeError('odd'); trying again in 1 s" in caplog.text
+
+
+def test_sentences_are_in_the_language_of_the_broker(site: Mosquitto) -> None:
+    zone = running("living")
+    reason = "the 95 % intervals 15 min ahead held 42 % of what came in 7 days"
+    zone.trusted = Trust(START, (HorizonTrust(900, "untrusted", reason, START),))
+    told = Announcement("htwg", "living", zone.now(), Occasion.UPDATE, Reports(trust=zone.trusted))
+    with publishing(site.port, language="de") as publisher, Party(site.port, f"{LIVING}#") as watching:
+        publisher.publish(told)
+        wait_until(lambda: f"{LIVING}trust" in watching.newest())
+        (horizon,) = json.loads(watching.newest()[f"{LIVING}trust"])["horizons"]
+        assert horizon["reason"] == "die 95-%-Intervalle 15 min voraus enthielten 42 % dessen, was in 7 Tagen kam"
+        assert {name: horizon[name] for name in ("lead_s", "trust")} == {"lead_s": 900, "trust": "untrusted"}
+        wait_until(lambda: watching.newest().get(f"{LIVING}forecast") == told.payload("forecast"))
 
 
 def test_a_zone_that_is_removed_is_forgotten(site: Mosquitto) -> None:

@@ -67,6 +67,10 @@ def test_a_room_answers_from_its_history_and_its_worker(
     assert "below the set-point" in told["comfort"]["sentence"]
     assert (len(found["sun"]), len(found["people"])) == (24, 24)
     assert len(found["to_do"]) <= 3
+    german = get(app, "/zones/house/room?days=2&language=de").json()
+    assert german["answers"][0]["sentence"].startswith(("Behaglich: ", "Oft zu "))
+    assert [one["value"] for one in german["answers"]] == [one["value"] for one in answer.json()["answers"]]
+    assert get(app, "/zones/house/room?language=fr").status_code == 422
     assert get(app, "/zones/new/room").status_code == 503
     assert get(app, "/zones/house/room?days=29").status_code == 422
 
@@ -116,4 +120,4 @@ def test_a_zone_that_is_not_trusted_refuses(
     known = zones["house"].now()
     monkeypatch.setattr(zones["house"], "now", lambda: known._replace(trust=told))
     detail = problem(get(app, "/zones/house/preheat?target=21&by=06:30"), 409)["detail"]
-    assert detail == "zone 'house' is not trusted 1d ahead: its forecasts were worse than persistence"
+    assert detail == "zone 'house' is not trusted 24 h ahead: its forecasts were worse than persistence"

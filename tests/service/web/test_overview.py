@@ -144,7 +144,7 @@ def test_attention_is_needed_where_the_room_itself_names_something_to_do(cold: f
     assert (row.too_cold_h, row.often, row.to_do) == (pytest.approx(cold, abs=0.5), often, bool(often))
     assert row.often_h == (row.too_cold_h if often else 0.0)
     assert len(row.spark.values) == 48
-    zone.trusted = Trust(START, beaten="1h ahead, no change is the better forecast; rely on the model 6h ahead")
+    zone.trusted = Trust(START, beaten="1 h ahead, no change is the better forecast; rely on the model 6 h ahead")
     assert overview.overview_row(zone, None, None).to_do
 
 

@@ -52,15 +52,15 @@ def level(trust, place=1):
 def test_a_horizon_is_learning_until_enough_was_verified():
     trust = after(Trust(), skill(forecasts=3))
     assert (level(trust, 0), level(trust)) == ("trusted", "learning")
-    assert trust.horizons[1].reason == "3 forecasts 6h ahead were verified in 7 days; it takes 24"
+    assert trust.horizons[1].reason == "3 forecasts 6 h ahead were verified in 7 days; it takes 24"
     assert level(after(trust, skill())) == "trusted"
 
 
 @pytest.mark.parametrize(
     ("week", "day", "expected", "words"),
     [
-        ({"coverage": 0.84}, {}, "doubtful", "held 84% of what came in 7 days"),
-        ({"coverage": 0.69}, {}, "untrusted", "held 69%"),
+        ({"coverage": 0.84}, {}, "doubtful", "held 84 % of what came in 7 days"),
+        ({"coverage": 0.69}, {}, "untrusted", "held 69 %"),
         ({}, {"coverage": 0.69}, "doubtful", "in the last day"),
         ({}, {"coverage": 0.39}, "untrusted", "in the last day"),
         ({}, {"coverage": 0.0, "forecasts": 11}, "trusted", ""),
@@ -114,10 +114,10 @@ def test_trust_that_wavers_at_a_threshold_does_not_flap():
 @pytest.mark.parametrize(
     ("found", "expected", "words"),
     [
-        (as_issued(0.34), "doubtful", "6h ahead held 34% of what came in the last day"),
-        (as_issued(0.84), "doubtful", "6h ahead held 84% of what came in 7 days"),
-        (as_issued(0.95, day=0.5), "doubtful", "50% of what came in the last day"),
-        (as_issued(0.34, forecasts=20, of_day=12), "doubtful", "34%"),
+        (as_issued(0.34), "doubtful", "6 h ahead held 34 % of what came in the last day"),
+        (as_issued(0.84), "doubtful", "6 h ahead held 84 % of what came in 7 days"),
+        (as_issued(0.95, day=0.5), "doubtful", "50 % of what came in the last day"),
+        (as_issued(0.34, forecasts=20, of_day=12), "doubtful", "34 %"),
         (as_issued(0.34, forecasts=11, of_day=11), "trusted", ""),
         (as_issued(0.86), "trusted", ""),
         (as_issued(math.nan, forecasts=0, of_day=0), "trusted", ""),
@@ -147,10 +147,15 @@ def outdone(arx=0.5, yesterday=0.5, rmse=0.4, day=None, **near):
     [
         (outdone(), "trusted", "", 21600),
         (outdone(arx=0.36), "trusted", "", 21600),
-        (outdone(arx=0.3), "doubtful", "a regression on the last hours is the better forecast: off by 0.30 K", 300),
+        (
+            outdone(arx=0.3),
+            "doubtful",
+            "a simple estimate from the last hours is the better forecast: off by 0.30 K",
+            300,
+        ),
         (outdone(yesterday=0.3), "doubtful", "the same hour yesterday is the better forecast: off by 0.30 K", 300),
-        (outdone(rmse=0.2, arx=0.1), "trusted", "a regression on the last hours is the better", 300),
-        (outdone(arx=0.3, day=0.2), "trusted", "a regression on the last hours is the better", 300),
+        (outdone(rmse=0.2, arx=0.1), "trusted", "a simple estimate from the last hours is the better", 300),
+        (outdone(arx=0.3, day=0.2), "trusted", "a simple estimate from the last hours is the better", 300),
     ],
 )
 def test_a_model_that_a_simpler_forecast_outdoes_says_so(found, expected, told, up_to):
@@ -158,7 +163,7 @@ def test_a_model_that_a_simpler_forecast_outdoes_says_so(found, expected, told, 
     assert (trust.horizons[1].level, trust.horizons[1].planned) == (expected, "trusted")
     assert trust.good_up_to == up_to
     assert told in trust.beaten
-    assert not told or trust.beaten.endswith("; rely on the model 5min ahead")
+    assert not told or trust.beaten.endswith("; rely on the model 5 min ahead")
     assert bool(trust.beaten) == bool(told)
     # It is won back as any trust is, and kept between two judgements.
     assert after(trust, None).beaten == trust.beaten

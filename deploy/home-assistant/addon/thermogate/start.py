@@ -220,10 +220,11 @@ def configured(house: Mapping[str, Any], host: Mapping[str, Any], rooms: Mapping
     }
     site = {"id": "home", "state_dir": str(DATA / "state"), "time_zone": house["time_zone"]}
     site |= {key: house[key] for key in ("latitude", "longitude", "country") if house.get(key)}
+    language = "de" if house.get("language", "").startswith("de") else "en"
     live = {
         "site": site,
         "zenoh": {"enabled": False},
-        "mqtt": {**host, "home_assistant": True},
+        "mqtt": {**host, "home_assistant": True, "language": language},
         "sources": {"home": {"kind": "mqtt", **host, "format": "json", "time": "/time"}},
         "zones": [{"period": "5min", "network": "auto", **zone} for zone in tables(rooms, "home", topics)],
     }

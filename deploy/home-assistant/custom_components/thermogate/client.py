@@ -45,12 +45,14 @@ class Refused(DaemonError):
 
 
 class Client:
-    """A daemon at `url`, asked with the API key `key`."""
+    """A daemon at `url`, asked with the API key `key`, whose sentences are in `language`."""
 
-    def __init__(self, session: aiohttp.ClientSession, url: str, key: str) -> None:
+    def __init__(self, session: aiohttp.ClientSession, url: str, key: str, language: str = "en") -> None:
         self.url = url.rstrip("/")
         self._session = session
         self._headers = {"Authorization": f"Bearer {key}"}
+        self.spoken = {"language": "de"} if language.startswith("de") else {}
+        """What to ask for with sentences; the daemon has them in English and German."""
 
     async def ask(
         self, method: str, path: str, body: object = None, params: Mapping[str, Any] | None = None
@@ -70,7 +72,11 @@ class Client:
         stream. Raises DaemonError."""
         try:
             async with self._session.get(
-                f"{self.url}/zones/{zone}/stream", headers=self._headers, timeout=SILENCE, read_bufsize=LONGEST_LINE
+                f"{self.url}/zones/{zone}/stream",
+                params=self.spoken,
+                headers=self._headers,
+                timeout=SILENCE,
+                read_bufsize=LONGEST_LINE,
             ) as answer:
                 await _check(answer)
                 topic = ""

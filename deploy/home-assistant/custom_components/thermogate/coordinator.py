@@ -44,7 +44,7 @@ _log = logging.getLogger(__name__)
 def client_of(hass: HomeAssistant, data: dict[str, Any]) -> Client:
     """The daemon that a config entry's `data` names."""
     session = async_get_clientsession(hass, verify_ssl=data[CONF_VERIFY_SSL])
-    return Client(session, data[CONF_URL], data[CONF_API_KEY])
+    return Client(session, data[CONF_URL], data[CONF_API_KEY], hass.config.language)
 
 
 def not_taken(taken: dict[str, Any]) -> list[str]:
@@ -90,7 +90,7 @@ class Coordinator(DataUpdateCoordinator[dict[str, Topics]]):
         """Ask what there is to do in each room, which a zone without a sample cannot say yet."""
         for zone, topics in self.data.items():
             try:
-                topics["room"] = await self.client.ask("GET", f"/zones/{zone}/room")
+                topics["room"] = await self.client.ask("GET", f"/zones/{zone}/room", params=self.client.spoken)
             except KeyRefused:
                 raise
             except DaemonError as error:
