@@ -111,15 +111,20 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Itera
     most = int(np.argmax(each))
     part = "all" if (number[lost] == most).all() else f"{_energy(float(each[most]))} kWh"
     inside = times[lost & (number == most)]
-    local = UTC if zone is None else time_zone(zone)
-    begin, end = (datetime.fromtimestamp(when, local) for when in (inside[0], inside[-1] + step))
-    until = f"{end:%H:%M}" if begin.date() == end.date() else f"{end:%Y-%m-%d %H:%M}"
+    begin, end = spoken_stretch(inside[0], inside[-1] + step, zone)
     sentence = (
         f"An open window, or something else that nobody measures, took away about {_energy(most_likely)} kWh in "
         f"{days:.1f} days; 95 % between {_energy(low)} and {_energy(high)} kWh; "
-        f"{part} of it from {begin:%Y-%m-%d %H:%M} to {until}"
+        f"{part} of it from {begin} to {end}"
     )
     yield RoomAnswer("window", sentence, "kWh", most_likely, low, high)
+
+
+def spoken_stretch(begin: float, end: float, zone: str | None) -> tuple[str, str]:
+    """UTC s as the clocks of the time zone show them, without the day where it is the same."""
+    local = UTC if zone is None else time_zone(zone)
+    first, last = (datetime.fromtimestamp(when, local) for when in (begin, end))
+    return f"{first:%Y-%m-%d %H:%M}", f"{last:%H:%M}" if first.date() == last.date() else f"{last:%Y-%m-%d %H:%M}"
 
 
 def _energy(kwh: float) -> str:

@@ -26,7 +26,14 @@ from estimator.network.network import Network
 from estimator.network.presets import NEIGHBOUR
 from service.forecast.answers import Room, RoomAnswer, ToDo
 from service.forecast.heating import COLD
-from service.forecast.looking_back import last_day, likely_lost, lost_heat, often_lost, warming_up
+from service.forecast.looking_back import (
+    last_day,
+    likely_lost,
+    lost_heat,
+    often_lost,
+    spoken_stretch,
+    warming_up,
+)
 from service.forecast.shares import Shares
 from service.records.outlook import Weather
 from service.records.series import GAIN, Series
@@ -46,6 +53,8 @@ RARE = 0.05
 
 MOST = 3
 """Things to do that are shown."""
+_TOLD = 1.0
+"""h too cold or too warm of which the longest stretch is told."""
 
 _HOUR, _DAY = 3600.0, 86400.0
 _COOLING = 6
@@ -116,7 +125,7 @@ class RoomQuestion(NamedTuple):
         doubt = _doubt(diagnosis, loss, metered)
         own = self.past.inputs * shares.medians
         answers = [
-            comfort.answer(),
+            comfort.answer(self.past, self.zone),
             _loss_answer(loss, self.area, doubt, any(one.startswith(NEIGHBOUR) for one in _beside(worker.network))),
             *_pace(worker, standing),
             *warming_up(self.past.step, self.past.temperature, self.past.setpoint, COLD),
@@ -173,7 +182,7 @@ class Comfort(NamedTuple):
         cold, warm, measured = (float(part.sum()) * self.hours for part in (self.cold, self.warm, self.measured))
         return cold, warm, measured
 
-    def answer(self) -> RoomAnswer:
+    def answer(self, past: Past, zone: str | None) -> RoomAnswer:
         cold, warm, all_hours = self.hours_of
         verdict = f"Often too {self.often}" if self.often else "Comfortable"
         measure = (
@@ -182,8 +191,25 @@ class Comfort(NamedTuple):
             if self.against_setpoint
             else f"no set-point is known, so comfortable is {BAND[0]:g} to {BAND[1]:g} °C"
         )
-        sentence = f"{verdict}: {cold:.0f} h too cold and {warm:.0f} h too warm of {all_hours:.0f} h; {measure}"
-        return RoomAnswer("comfort", sentence, "h", cold + warm)
+        parts = [f"{verdict}: {cold:.0f} h too cold and {warm:.0f} h too warm of {all_hours:.0f} h"]
+        if max(cold, warm) >= _TOLD:
+            longest = _longest(past.times, past.step, self.warm if warm > cold else self.cold)
+            begin, end = spoken_stretch(past.times[longest][0], past.times[longest][-1] + past.step, zone)
+            low, high = (extreme(past.temperature[longest]) for extreme in (np.min, np.max))
+            parts.append(
+                f"longest too warm from {begin} to {end}, up to {high:.1f} °C"
+                if warm > cold
+                else f"longest too cold from {begin} to {end}, down to {low:.1f} °C"
+            )
+        return RoomAnswer("comfort", "; ".join([*parts, measure]), "h", cold + warm)
+
+
+def _longest(times: Array, step: float, where: Mask) -> slice:
+    """The longest run of intervals `where` something was so, each of which begins where the one before ends."""
+    breaks = np.flatnonzero(~(where[1:] & where[:-1] & (np.diff(times) < 1.5 * step))) + 1
+    runs = zip((0, *breaks.tolist()), (*breaks.tolist(), len(where)), strict=True)
+    begin, end = max((run for run in runs if where[run[0]]), key=lambda run: run[1] - run[0])
+    return slice(begin, end)
 
 
 def _highest(setpoint: Array, step: float, over: float) -> Array:

@@ -63,6 +63,27 @@ def test_comfort_counts_hours_against_the_set_point(worker):
     assert comfort.value == pytest.approx(cold, abs=3.0), "in a setback it cools down, and is not too warm"
 
 
+def test_comfort_tells_when_it_was_cold_or_warm_for_longest_in_local_time(worker):
+    # The clocks go forward at 2 in the morning of this day.
+    times = 1_490_486_400.0 + PERIOD * np.arange(len(TIMES))
+    cold = np.full(len(TIMES), 21.0)
+    cold[2:4] = 12.0
+    cold[60:80] = 16.5
+    cold[70] = 14.94
+    past = PAST._replace(times=times, temperature=cold, setpoint=np.full(len(TIMES), np.nan))
+    told = answers(asked(worker, past, zone="Europe/Copenhagen"))["comfort"].sentence
+    assert "; longest too cold from 2017-03-27 08:00 to 18:00, down to 14.9 °C; no set-point" in told
+    broken = past._replace(times=times + 7200.0 * (np.arange(len(TIMES)) > 64))
+    told = answers(asked(worker, broken, zone="Europe/Copenhagen"))["comfort"].sentence
+    assert "longest too cold from 2017-03-27 12:30 to 20:00" in told, "not across a gap"
+    told = answers(asked(worker, past._replace(temperature=44.0 - cold)))["comfort"].sentence
+    assert "; longest too warm from 2017-03-27 06:00 to 16:00, up to 29.1 °C; " in told
+    assert (
+        "longest"
+        not in answers(asked(worker, past._replace(temperature=np.full(len(TIMES), 21.0))))["comfort"].sentence
+    )
+
+
 @pytest.mark.parametrize("width", [1, 2, 3, 7, 8, 30])
 def test_the_highest_set_point_of_a_day_is_that_of_its_intervals(width):
     told = np.random.default_rng(width).normal(size=20)
