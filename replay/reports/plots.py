@@ -7,7 +7,7 @@ import numpy as np
 from estimator.arrays import Array
 from replay.localtime import HOUR, Seconds
 from replay.recorded.trace import Trace
-from replay.reports.kit.chart import Band, Bars, Chart, Level, Line, Panel
+from replay.reports.kit.chart import Band, Bars, Chart, Level, Line, Mark, Panel
 from replay.reports.kit.report import Plot
 from replay.reports.residuals import Diagnostics
 from replay.scores.intervals import pit_histogram
@@ -39,7 +39,10 @@ def record(trace: Trace) -> Plot:
     )
     times = np.array([row.time for row in trace.rows], dtype=np.int64)
     x, (y, lower, upper, setpoint, *inputs) = _drawn(trace, times, y, lower, upper, setpoint, *trace.inputs.T)
-    marks = [Band(f"{100 * trace.level:g} % interval", x, lower, upper), Line(trace.network.measured[0], "ink", x, y)]
+    marks: list[Mark] = [
+        Band(f"{100 * trace.level:g} % interval", x, lower, upper),
+        Line(trace.network.measured[0], "ink", x, y),
+    ]
     if np.isfinite(setpoint).any():
         marks.append(Line("set-point", "blue", x, setpoint, step=True, dashed=True))
     by_unit: dict[str, list[Line]] = {}
@@ -66,7 +69,8 @@ def fans(trace: Trace) -> Plot:
 
 def heat(trace: Trace, room: Room) -> Plot:
     """Heat besides the heating, by the hour of the day."""
-    hours, people, sun = np.arange(24) + 0.5, np.array(room.people), np.array(room.sun)
+    hours = np.arange(24, dtype=np.float64) + 0.5
+    people, sun = np.array(room.people), np.array(room.sun)
     marks = (
         Bars("people and appliances", "blue", hours, people, 0.9, np.zeros(24)),
         Bars("sun", "warm", hours, sun, 0.9, np.nan_to_num(people)),

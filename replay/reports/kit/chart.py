@@ -62,10 +62,13 @@ class Level(NamedTuple):
     y: float
 
 
+Mark = Line | Band | Bars | Level
+
+
 class Panel(NamedTuple):
     """One pair of axes, `height` pixels high."""
 
-    marks: Sequence[Line | Band | Bars | Level]
+    marks: Sequence[Mark]
     unit: str = ""
     height: int = 280
     range: tuple[float, float] | None = None
@@ -113,7 +116,7 @@ class Chart(NamedTuple):
 
     def _names(self) -> dict[str, str]:
         """What the lines and areas are called, with the classes that their key has."""
-        named = {}
+        named: dict[str, str] = {}
         for mark in (mark for panel in self.panels for mark in panel.marks):
             if isinstance(mark, Line) and mark.name:
                 named.setdefault(mark.name, f"{mark.colour}{' dashed' * mark.dashed}")
@@ -180,7 +183,7 @@ class _Place(NamedTuple):
         shares = (np.nan_to_num(values, nan=span[0], posinf=span[1], neginf=span[0]) - span[0]) / (span[1] - span[0])
         return np.rint(size * np.clip(shares, -9.0, 9.0)).astype(int)
 
-    def drawn(self, mark: Line | Band | Bars | Level) -> str:
+    def drawn(self, mark: Mark) -> str:
         """`mark` as SVG."""
         if isinstance(mark, Level):
             return f"<path class='level' d='M0 {self.y(float(self.measured(np.array(mark.y))))}H{_WIDE}'/>"
@@ -222,7 +225,7 @@ def _runs(values: Array) -> Iterator[slice]:
         yield slice(begin, end)
 
 
-def _x(mark: Line | Band | Bars | Level) -> Array:
+def _x(mark: Mark) -> Array:
     if isinstance(mark, Level):
         return np.empty(0)
     if isinstance(mark, Bars):
@@ -230,7 +233,7 @@ def _x(mark: Line | Band | Bars | Level) -> Array:
     return np.asarray(mark.x, dtype=np.float64)
 
 
-def _y(mark: Line | Band | Bars | Level) -> Array:
+def _y(mark: Mark) -> Array:
     if isinstance(mark, Level):
         return np.array([mark.y])
     if isinstance(mark, Band):
