@@ -340,27 +340,27 @@ def _heating(network: Network) -> list[int]:
 
 
 class _Elsewhere(NamedTuple):
-    """(K, 3) W that the sun brought, and people and appliances (habits, and what nobody measures), at _LEVELS. The
-    coefficients of each are taken to err together, which no interval is narrower for."""
+    """(K, 3) W that the sun brought, and people and appliances (what nobody measures), at _LEVELS. What passes evens
+    out over the days, and the coefficients of each err together, which no interval is narrower for."""
 
     sun: Array
     people: Array
 
     @classmethod
     def of(cls, worker: ZoneWorker, past: Past) -> _Elsewhere:
-        # What also takes heat away, and often, is not people.
-        gain = np.zeros(len(past.times)) if often_lost(past.gain) else np.nan_to_num(past.gain[:, 1])
-        found = cls(np.zeros((len(gain), 3)), np.tile(gain[:, None], 3))
+        sun, habits = np.zeros((2, len(past.times), 3))
         summary, network = worker.parameters(_LEVELS), worker.network
-        if summary is None or not len(summary.coefficients):
-            return found
-        inputs = np.where(np.isfinite(past.inputs), past.inputs, 0.0)
-        drive = worker.loop.driving(past.times, inputs)[:, len(network.inputs) :]
-        for term, coefficients, known in zip(network.terms, summary.coefficients, drive.T, strict=True):
-            if np.isfinite(coefficients).all():
-                heat = found.sun if term.name.startswith("sun") else found.people
-                heat += np.outer(known, coefficients)
-        return found
+        if summary is not None and len(summary.coefficients):
+            inputs = np.where(np.isfinite(past.inputs), past.inputs, 0.0)
+            drive = worker.loop.driving(past.times, inputs)[:, len(network.inputs) :]
+            for term, coefficients, known in zip(network.terms, summary.coefficients, drive.T, strict=True):
+                if np.isfinite(coefficients).all():
+                    heat = sun if term.name.startswith("sun") else habits
+                    heat += np.outer(known, coefficients)
+        # Without what is inferred at each time; and what also takes heat away, and often, is not people.
+        usual = np.isnan(past.gain[:, 1:2]) | often_lost(past.gain)
+        # The gain has the heat of habits in it.
+        return cls(sun, np.where(usual, habits, past.gain[:, 1:2] + habits - habits[:, 1:2]))
 
 
 def _local_hours(times: Array, zone: str | None) -> Array:

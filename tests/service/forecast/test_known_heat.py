@@ -13,6 +13,7 @@ from estimator.registry import build
 from estimator.statespace.matrices import of_draws, of_point
 from estimator.statespace.simulate import Simulation
 from service.forecast.learned import ModelQuestion
+from service.forecast.room import Past, RoomQuestion
 from service.zone.foresight.outlook import NO_WEATHER
 from service.zone.local_time import calendar
 from service.zone.worker import WorkerSettings, ZoneWorker
@@ -52,6 +53,19 @@ def test_matrices_have_the_measured_inputs_and_known_heat_beside_them(worker: Zo
     # Inputs and known heat vary a little within the half hour.
     np.testing.assert_allclose(model.mean.C @ state, expected, atol=0.02)
     assert np.abs(model.known_heat).max() > 0.0
+
+
+def test_heat_of_people_is_what_nobody_measured_and_counts_habits_once(worker: ZoneWorker) -> None:
+    gain = worker.latest.disturbance.gain
+    times = worker.latest.time + PERIOD * np.arange(144.0)
+    inputs = np.tile([15.0, 300.0, 0.0], (144, 1))
+    past = Past(times, PERIOD, np.full(144, 20.0), np.full(144, np.nan), np.tile(gain, (144, 1)), inputs)
+    people = np.array(RoomQuestion(past)(worker, NO_WEATHER, lambda: False).people)
+    np.testing.assert_allclose(people, gain[1])
+    unknown = past._replace(gain=np.full((144, 3), np.nan))
+    habits = np.array(RoomQuestion(unknown)(worker, NO_WEATHER, lambda: False).people)
+    assert habits.std() > 0.0
+    assert 0.0 < habits.mean() < 400.0
 
 
 def test_a_simulation_step_by_step_is_driven_as_a_plan_is(worker: ZoneWorker) -> None:
