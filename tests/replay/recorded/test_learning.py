@@ -2,10 +2,14 @@
 
 import os
 import shutil
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.waiting import wait_until
 
 import thermogate as tg
 from replay.recorded import learning
@@ -155,6 +159,72 @@ def test_a_run_that_was_interrupted_goes_on_with_the_same_bits(whole, tmp_path):
     assert learned(folder).known == {"room": 100}
     assert same_samples(state_of(folder), state_of(whole[0]))
     assert_same(state_of(folder)[3], state_of(whole[0])[3])
+
+
+def two_rooms(folder):
+    """Two rooms of one recording of weeks, of which the second is a little warmer."""
+    rng, days = np.random.default_rng(1), 25
+    begin = np.datetime64("2025-01-01T00:00:00")
+    lines = ["time,first,second,outdoors,power"]
+    for k in range(96 * days):
+        heat = 1500.0 * (k % 96 in range(24, 80))
+        values = 20.0 + 0.001 * heat + rng.normal(0.0, 0.05), 21.0 + 0.001 * heat, 5.0 * np.sin(k / 15.3), heat
+        lines.append(",".join([f"{begin + np.timedelta64(15 * k, 'm')}Z", *(f"{value:.3f}" for value in values)]))
+    (folder / "weeks.csv").write_text("\n".join(lines) + "\n")
+    room = PLANT.partition("[[zones]]")[2]
+    zones = "".join("[[zones]]" + room.replace('"room"', f'"{name}"') for name in ("first", "second"))
+    history = f"""
+[sources.export]
+kind = "csv"
+files = ["{folder / "weeks.csv"}"]
+timestamp = {{ column = "time" }}
+"""
+    for name in ("first", "second"):
+        history += f"""
+[[zones]]
+id = "{name}"
+
+[zones.channels]
+T_i = {{ source = "export", column = "{name}", unit = "degC" }}
+T_out = {{ source = "export", column = "outdoors", unit = "degC" }}
+u_heat = {{ source = "export", column = "power", unit = "W" }}
+"""
+    return PLANT.partition("[[zones]]")[0] + zones, history
+
+
+def learned_by_command(folder, *, interrupted=False):
+    """What the command told, ended by Ctrl-C after the first checkpoint of both rooms where it is `interrupted`."""
+    heeding = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    command = [sys.executable, "-c", f"{heeding}; from service.cli.main import main; sys.exit(main())"]
+    options = ["learn", "plant.toml", "--from", "history.toml", "--jobs", "2"]
+    with subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True, cwd=folder) as process:
+        if interrupted:
+            wait_until(
+                lambda: {path.parent.name for path in folder.glob("state/checkpoints/*/*.npz")} == {"first", "second"}
+            )
+            process.send_signal(signal.SIGINT)
+        _, told = process.communicate(timeout=300)
+    return process.returncode, told
+
+
+def test_several_zones_learn_at_once_and_go_on_after_ctrl_c(tmp_path):
+    plant, history = two_rooms(tmp_path)
+    found = {}
+    for name in ("whole", "parts"):
+        written(tmp_path / name, plant, history)
+        if name == "parts":
+            code, told = learned_by_command(tmp_path / name, interrupted=True)
+            assert code == 130
+            assert "Traceback" not in told
+        assert learned_by_command(tmp_path / name)[0] == 0
+        assert (tmp_path / name / "report.html").exists()
+        config = load(tmp_path / name / "plant.toml")
+        with read_state(tmp_path / name / "state") as state:
+            found[name] = {zone.id: state.checkpoint(zone.id, fingerprint(zone)) for zone in config.zones}
+            known = {zone.id: len(list(state.journal.samples_after(zone.id, None))) for zone in config.zones}
+        assert known == {"first": 96 * 25, "second": 96 * 25}
+    for name in ("first", "second"):
+        assert_same(found["parts"][name], found["whole"][name])
 
 
 def test_a_zone_that_learned_from_a_mistake_is_reset(whole, tmp_path):
