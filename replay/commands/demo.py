@@ -48,7 +48,7 @@ def _live(directory: Path, arguments: argparse.Namespace) -> int:
     from service.daemon.run import run_daemon
 
     pace = arguments.pace
-    changes, said = _ports(arguments.port)
+    changes, said = ports(arguments.port)
     # Rooms that are configured otherwise learn from the first day on.
     knows = not any(change.strip().startswith(("zones", "site")) for change in arguments.overrides)
     demo = Demo(directory, pace=pace, overrides=tuple(changes), knows=knows)
@@ -69,7 +69,7 @@ def _live(directory: Path, arguments: argparse.Namespace) -> int:
         return run_daemon(config, duration=arguments.duration)
 
 
-def _ports(wanted: int) -> tuple[list[str], list[str]]:
+def ports(wanted: int) -> tuple[list[str], list[str]]:
     """Changes with which the demo starts although its ports may be taken, and what to say of them."""
     changes, said = [f"http.port={wanted}"], []
     if wanted == _HTTP_PORT and _taken(wanted):

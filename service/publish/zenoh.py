@@ -115,7 +115,7 @@ class Publisher(Sink):
         except SourceConfigError as error:
             raise ServiceError(f"[zenoh]: {error}") from error
         except zenoh.ZError as error:
-            raise ServiceError(_opening_failed(table, first_line(error))) from error
+            raise _opening_failed(table, first_line(error)) from error
 
     def answer_with(self, answering: Answering, of_site: bool = True) -> None:
         """Answer questions from now on, and that of the site as well unless others know all its zones; ServiceError if
@@ -293,19 +293,25 @@ def _refuse(query: zenoh.Query, sentence: str) -> None:
         query.reply_err(json.dumps(problem), encoding=zenoh.Encoding.APPLICATION_JSON)
 
 
-def _opening_failed(table: SessionConfig, text: str) -> str:
+class _AddressInUse(ServiceError):
+    """An address to listen at is another process's."""
+
+
+def _opening_failed(table: SessionConfig, text: str) -> ServiceError:
     """Why the session did not open, of which Zenoh says `text`, and the remedy."""
     if "in use" in text:
-        return (
+        return _AddressInUse(
             f"zenoh.listen: an address of {', '.join(table.listen)} is in use by another process; "
             "choose another port, stop that process, or do without Zenoh (zenoh.enabled = false)"
         )
     if table.mode == "client":
         if refused := refusal(table):
-            return f"zenoh.connect: {refused}"
-        connect = ", ".join(table.connect) or "nothing"
-        return f"zenoh.connect: no Zenoh router answers at {connect}; start it or correct the address ({text})"
-    return f"[zenoh]: the session cannot be opened ({text}); check mode, listen and connect"
+            return ServiceError(f"zenoh.connect: {refused}")
+        where = ", ".join(table.connect) or "nothing"
+        return ServiceError(
+            f"zenoh.connect: no Zenoh router answers at {where}; start it or correct the address ({text})"
+        )
+    return ServiceError(f"[zenoh]: the session cannot be opened ({text}); check mode, listen and connect")
 
 
 def _matches(publisher: zenoh.Publisher) -> bool:
@@ -315,7 +321,17 @@ def _matches(publisher: zenoh.Publisher) -> bool:
 
 
 def _open(table: ZenohConfig, site: str) -> Publisher | None:
-    return Publisher.open(table, site) if table.enabled else None
+    """The publisher that `table` asks for. A site whose configuration says nothing of Zenoh starts without it where
+    the usual address is in use, as by another site that is tried on the same machine."""
+    if not table.enabled:
+        return None
+    try:
+        return Publisher.open(table, site)
+    except _AddressInUse as error:
+        if table.model_fields_set:
+            raise
+        _log.warning("%s; nothing is published on Zenoh", error)
+        return None
 
 
 KIND = SinkKind("zenoh", ZenohConfig, _open)

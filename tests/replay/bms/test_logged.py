@@ -1,6 +1,8 @@
 """The demo's building: its rooms have learned what it has lived when the daemon comes."""
 
 import json
+import socket
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 
@@ -11,6 +13,7 @@ from replay.bms.background import in_background
 from replay.bms.living.building import design
 from replay.bms.living.world import Orders, World
 from replay.bms.logged import BUILDING, FILE, LIVED_DAYS, ROOMS, SEED, STATE, Demo, live
+from replay.commands.demo import ports
 from service.config.fitting import fingerprint, make_worker
 from service.config.load import load
 from service.config.site import ZoneConfig
@@ -57,6 +60,22 @@ def test_the_demo_begins_with_rooms_that_have_learned(tmp_path: Path) -> None:
             assert horizon.level == "trusted" or (horizon.level != "learning" and horizon.reason)
     assert header.startswith("time,weather_T_out,")
     assert first.startswith("2025-01-27T05:00:00")
+
+
+def test_a_demo_whose_usual_ports_are_taken_starts_beside_them_and_says_so() -> None:
+    with ExitStack() as held:
+        for port in (8080, 7447):
+            other = held.enter_context(socket.socket())
+            # Who holds it already, as a demo beside this test, takes it just as well.
+            with suppress(OSError):
+                other.bind(("127.0.0.1", port))
+                other.listen()
+        changes, said = ports(8080)
+    assert changes == ["http.port=0", "zenoh.enabled=false"]
+    assert said == [
+        "Port 8080 is taken; REST and the page are on a free one.",
+        "Port 7447 is taken, so Zenoh is off in this demo.",
+    ]
 
 
 def test_a_thermostat_that_is_turned_up_makes_no_telemetry_doubtful(tmp_path: Path) -> None:

@@ -118,6 +118,21 @@ def test_an_address_in_use_is_one_sentence(publisher: Publisher, address: str) -
     )
 
 
+def test_a_site_that_says_nothing_of_zenoh_starts_without_it_where_the_address_is_in_use(
+    publisher: Publisher, address: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Usual(ZenohConfig):
+        listen: tuple[str, ...] = (address,)
+
+    assert module.KIND.open(Usual(), "first") is None
+    assert caplog.messages == [
+        f"zenoh.listen: an address of {address} is in use by another process; choose another port, stop that process, "
+        "or do without Zenoh (zenoh.enabled = false); nothing is published on Zenoh"
+    ]
+    with pytest.raises(ServiceError, match="is in use by another process"):
+        module.KIND.open(Usual(listen=(address,)), "first")
+
+
 def test_a_mistaken_place_is_one_sentence(address: str) -> None:
     with pytest.raises(ServiceError, match=f"zenoh.connect: no Zenoh router answers at {address}"):
         opened(settings(mode="client", connect=(address,)), ["living"])
