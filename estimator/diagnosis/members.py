@@ -82,7 +82,9 @@ def carried(bank: Bank, state: Any) -> list[Finding]:
             f"most of the forecast {hours:.0f} h ahead follows the habits of the room, not its building, so something "
             "acts on it that is not measured"
         )
-        findings.append(Finding(MISSES_SOMETHING, "zone", f"{problem}; measure {_absent(bank.network)} as well"))
+        absent = _absent(bank.network)
+        remedy = f"measure {absent} as well" if absent else "measure what else heats or cools it, such as ventilation"
+        findings.append(Finding(MISSES_SOMETHING, "zone", f"{problem}; {remedy}"))
     for one in variants(bank, state):
         if one.variant != "own" and one.weight > _MOST:
             sentence = (
@@ -94,11 +96,11 @@ def carried(bank: Bank, state: Any) -> list[Finding]:
 
 
 def _absent(network: Network) -> str:
-    """What acts on most rooms and has no channel in `network`; without that, on some."""
-    sun = any(heat.unit == "W/m2" for heat in network.heat_inputs)
-    neighbours = len(network.boundaries) > 1
-    absent = [name for name, there in (("the sun", sun), ("the rooms next door", neighbours)) if not there]
-    return " and ".join(absent) or "what else heats or cools it, such as ventilation,"
+    """What acts on most rooms and has no channel in `network`; empty if there is nothing."""
+    sun, heating = (any(heat.unit == unit for heat in network.heat_inputs) for unit in ("W/m2", "W"))
+    known = {"the heating": heating, "the sun": sun, "the rooms next door": len(network.boundaries) > 1}
+    absent = [name for name, there in known.items() if not there]
+    return " and ".join(filter(None, (", ".join(absent[:-1]), *absent[-1:])))
 
 
 def _members(bank: Bank, state: Any) -> list[_Member]:

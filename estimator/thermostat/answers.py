@@ -14,7 +14,7 @@ from scipy.special import ndtr
 
 from estimator.arrays import Array, Indices
 from estimator.thermostat.live import Heat
-from estimator.types import Mixture
+from estimator.types import Mixtures
 
 JOULES = 3.6e6
 """J in a kWh."""
@@ -84,9 +84,11 @@ def total(amounts: Amounts) -> Amounts:
     return amounts._replace(values=amounts.values.sum(axis=1, keepdims=True), weights=weights)
 
 
-def probability_above(mixture: Mixture, value: float) -> float:
-    """That the first output is at least `value` [degC]."""
-    return float(mixture.weights @ ndtr((mixture.means[0] - value) / mixture.sds[0]))
+def probability_reached(outputs: Mixtures, value: float) -> float:
+    """That the first output is at least `value` [degC] at some of the times, each component of `outputs` being a future
+    that errs the same way throughout."""
+    above = ndtr((outputs.means[:, 0] - value) / outputs.sds[:, 0]).max(axis=0)
+    return float(outputs.weights[-1] @ above / outputs.weights[-1].sum())
 
 
 def latest(reached: Callable[[int], float], last: int, wanted: float) -> int | None:

@@ -34,9 +34,8 @@ from service.zone.worker import Standing, ZoneWorker
 COLD = 0.5
 """K below a set-point from which on a room counts as too cold."""
 
-_AS_GOOD = 0.03
-"""Probability that an hour more must gain to be worth it, where the thermostat's own swing leaves hardly more than is
-asked, or less."""
+_SWING = 2 * 3600.0
+"""s in which a room is warm once under a thermostat that lets it swing around its set-point."""
 
 _LEVELS = np.array([0.025, 0.975])
 _HOUR = 3600.0
@@ -87,8 +86,8 @@ class PreheatQuestion(NamedTuple):
     """Asks when to raise the set-point to `target` [degC], for the room to be no more than `tolerance` [K] below it
     `by` UTC s with a probability. Until the start it falls as it is likely to, and nobody raises it.
 
-    Where the thermostat itself lets the room stray that far nearly as often as is allowed, or more often, no early
-    start helps: then the answer is the latest one that an hour more would hardly better (_AS_GOOD).
+    Under a thermostat a room swings around its set-point, below it by more than `tolerance` as well: warm it is when
+    it has been so in the last _SWING, of which an earlier start takes nothing away.
     """
 
     target: float
@@ -111,20 +110,13 @@ class PreheatQuestion(NamedTuple):
             setpoints = before.copy()
             setpoints[step:] = np.maximum(self.target, before[step:])
             fans[step] = futures.under(setpoints)
-            return answers.probability_above(fans[step].outputs.at(steps), self.target - self.tolerance)
+            return warm(step)
 
-        found, best = answers.latest(reached, steps - 1, self.probability), reached(0)
-        if 0.5 <= best < self.probability + _AS_GOOD:
-            hour = max(1, round(_HOUR / period))
+        def warm(step: int) -> float:
+            lately = slice(max(step, steps - round(_SWING / period)) + 1, steps + 1)
+            return answers.probability_reached(fans[step].outputs.during(lately), self.target - self.tolerance)
 
-            def enough(step: int) -> float:
-                now = reached(step)
-                return 1.0 - (reached(max(step - hour, 0)) - now) if now >= 0.5 else 0.0
-
-            as_good = answers.latest(enough, steps - 1, 1.0 - _AS_GOOD)
-            # Otherwise it is time that is short.
-            if as_good is not None and as_good >= hour:
-                found = as_good if found is None else max(found, as_good)
+        found = answers.latest(reached, steps - 1, self.probability)
         fan = fans[0 if found is None else found]
         last = fan.outputs.at(steps)
         lower, upper = summary(Mixtures.of_one(last), _LEVELS, exact=True).quantiles[0, 0].tolist()
@@ -139,7 +131,7 @@ class PreheatQuestion(NamedTuple):
             probability=self.probability,
             start=begin,
             minutes=float("nan") if begin is None else (self.by - begin) / 60.0,
-            reached=answers.probability_above(last, self.target - self.tolerance),
+            reached=warm(0 if found is None else found),
             temperature=Range(float(last.mean()[0]), lower, upper),
             energy=_range(answers.energy(fan.heat, period, spans).stretched(fan.energy_scales[-1:])),
             setpoint_before=float(before[max((found or 0) - 1, 0)]),

@@ -146,7 +146,9 @@ def last_day(worker: ZoneWorker, times: Array, step: float, inputs: Array, gain:
         return
     one = min(issued, key=lambda each: abs(each.lead - _LEAD))
     parts = [f"In the last day the forecasts {one.lead / _HOUR:g} h ahead were off by {one.rmse:.1f} K"]
-    parts += [f"{each.rmse:.1f} K is usual" for each in skill.issued_over(7) if each.lead == one.lead]
+    week = next(each for each in skill.issued_over(7) if each.lead == one.lead)
+    if week.forecasts > one.forecasts:
+        parts.append(f"{week.rmse:.1f} K is usual")
     if one.rmse > _WRONG:
         left = known[one.lead].rmse
         if left <= _EXPLAINED * one.rmse:

@@ -41,8 +41,8 @@ from service.records.trust import TRUSTED, UNTRUSTED, Trust
 from service.zone.worker import Standing, ZoneWorker
 
 WARM = 1.0
-"""K above the highest set-point of the last day from which on a room is too warm: one that cools down in a setback is
-not."""
+"""K above the highest set-point of a week from which on a room is too warm: one that cools down in a setback, or over a
+weekend, is not."""
 
 BAND = (20.0, 26.0)
 """degC within which a room without a set-point is comfortable: category II of EN 16798-1 for sedentary work, in both
@@ -56,7 +56,7 @@ MOST = 3
 _TOLD = 1.0
 """h too cold or too warm of which the longest stretch is told."""
 
-_HOUR, _DAY = 3600.0, 86400.0
+_HOUR, _DAY, _WEEK = 3600.0, 86400.0, 7 * 86400.0
 _COOLING = 6
 """h over which a room is left to cool down."""
 _SHORTEST = 10
@@ -127,7 +127,7 @@ class RoomQuestion(NamedTuple):
         answers = [
             comfort.answer(self.past, self.zone),
             _loss_answer(loss, self.area, doubt, any(one.startswith(NEIGHBOUR) for one in _beside(worker.network))),
-            *_pace(worker, standing),
+            *(_pace(worker, standing) if metered else ()),
             *warming_up(self.past.step, self.past.temperature, self.past.setpoint, COLD),
             _heat_answer(elsewhere, sun, people, metered),
             *_energy(worker, self.past, shares, loss, doubt),
@@ -135,8 +135,11 @@ class RoomQuestion(NamedTuple):
             *last_day(worker, self.past.times, self.past.step, own, self.past.gain[:, 1]),
         ]
         warming = next((one.value for one in answers if one.about == "warming_up"), 0.0)
-        heated = partial(_heated, worker.network, self.past, standing)
-        told = [*for_the_model(diagnosis, trust), *_for_comfort(comfort, self.past, warming, heated)]
+        use = _Use(
+            partial(_heated, worker.network, self.past, standing),
+            partial(_share, _cooling(worker.network, self.past).sum(axis=1)),
+        )
+        told = [*for_the_model(diagnosis, trust), *_for_comfort(comfort, self.past, warming, use)]
         return Room(
             days=len(self.past.times) * self.past.step / _DAY,
             answers=tuple(answers),
@@ -162,7 +165,7 @@ class Comfort(NamedTuple):
         lower, upper = (np.full(len(past.times), limit) for limit in BAND)
         if setpoint:
             lower = past.setpoint - COLD
-            upper = _highest(past.setpoint, past.step, _DAY) + WARM
+            upper = highest(past.setpoint, past.step) + WARM
         with np.errstate(invalid="ignore"):
             cold, warm = past.temperature < lower, past.temperature > upper
         return cls(cold, warm, np.isfinite(past.temperature), past.step / _HOUR, setpoint)
@@ -187,7 +190,7 @@ class Comfort(NamedTuple):
         verdict = f"Often too {self.often}" if self.often else "Comfortable"
         measure = (
             f"too cold is more than {COLD:g} K below the set-point, too warm more than {WARM:g} K above the highest of "
-            "a day"
+            "a week"
             if self.against_setpoint
             else f"no set-point is known, so comfortable is {BAND[0]:g} to {BAND[1]:g} °C"
         )
@@ -210,6 +213,14 @@ def _longest(times: Array, step: float, where: Mask) -> slice:
     runs = zip((0, *breaks.tolist()), (*breaks.tolist(), len(where)), strict=True)
     begin, end = max((run for run in runs if where[run[0]]), key=lambda run: run[1] - run[0])
     return slice(begin, end)
+
+
+def highest(setpoint: Array, step: float) -> Array:
+    """(K,): the highest set-point of the last week, or, in the first, of all of it."""
+    found = _highest(setpoint, step, _WEEK)
+    first = max(1, round(_WEEK / step))
+    found[:first] = np.fmax.reduce(setpoint[:first])
+    return found
 
 
 def _highest(setpoint: Array, step: float, over: float) -> Array:
@@ -261,7 +272,8 @@ def _beside(network: Network) -> tuple[str, ...]:
 def _metered(network: Network, past: Past, standing: Standing) -> bool:
     """Whether heating or cooling was ever measured."""
     heat = _heating(network)
-    return bool(standing.carried.record.largest[heat].any() or np.nan_to_num(past.inputs[:, heat]).any())
+    known = standing.carried.record.largest[heat].any() or np.nan_to_num(past.inputs[:, heat]).any()
+    return bool(known or _cooling(network, past).any())
 
 
 def _doubt(diagnosis: Diagnosis, loss: Array | None, metered: bool) -> str:
@@ -339,6 +351,24 @@ def _heating(network: Network) -> list[int]:
     return [place for place, channel in enumerate(network.inputs) if channel in heats]
 
 
+def _cooling(network: Network, past: Past) -> Array:
+    """(K, n_u): heat [W] that each input took away."""
+    power, takes = np.nan_to_num(past.inputs), np.zeros_like(past.inputs)
+    for heat in network.heat_inputs:
+        if heat.unit == "W":
+            place = network.inputs.index(heat.channel)
+            negative = heat.gain.parameter is None and heat.gain.constant < 0.0
+            takes[:, place] = np.maximum(power[:, place] if negative else -power[:, place], 0.0)
+    return takes
+
+
+class _Use(NamedTuple):
+    """Mean heating and cooling power while something was so, each as a share of the largest; 0 without any."""
+
+    heated: Callable[[Mask], float]
+    cooled: Callable[[Mask], float]
+
+
 class _Elsewhere(NamedTuple):
     """(K, 3) W that the sun brought, and people and appliances (what nobody measures), at _LEVELS. What passes evens
     out over the days, and the coefficients of each err together, which no interval is narrower for."""
@@ -397,32 +427,37 @@ def _heat_answer(elsewhere: _Elsewhere, sun: Array, people: Array, metered: bool
 
 
 def _energy(worker: ZoneWorker, past: Past, shares: Shares, loss: Array | None, doubt: str) -> Iterator[RoomAnswer]:
-    """What the heating used, and what 1 K less would have saved: the loss of 1 K, but no more than a day used."""
+    """What the heating used, or in a room that was only cooled the cooling, and what 1 K less, or more, would have
+    saved: the loss of 1 K, but no more than a day used."""
     heat = _heating(worker.network)
-    metered = np.nan_to_num(past.inputs[:, heat]) * past.step / 3.6e6
+    heated, cooled = np.zeros_like(past.inputs), _cooling(worker.network, past)
+    heated[:, heat] = np.maximum(np.nan_to_num(past.inputs[:, heat]), 0.0)
+    cooling = cooled.any() and not heated.any()
+    metered = (cooled if cooling else heated) * past.step / 3.6e6
     days = (past.times // _DAY).astype(np.int64)
-    used = np.bincount(days - days[0], metered @ shares.medians[heat])
-    low, total, high = (shares.quantiles[:, heat] @ metered.sum(axis=0)).tolist()
-    if not heat or total <= 0.0:
+    used = np.bincount(days - days[0], metered @ shares.medians)
+    low, total, high = (shares.quantiles @ metered.sum(axis=0)).tolist()
+    if total <= 0.0:
         sentence = "What 1 K less would have saved is not known, for no heating was measured"
         yield RoomAnswer("saving", sentence, "kWh")
         return
-    parts = [f"The heating used {amount(total)} kWh in {len(past.times) * past.step / _DAY:.1f} days"]
+    span = f"{amount(total)} kWh in {len(past.times) * past.step / _DAY:.1f} days"
+    parts = [f"The cooling used {span}" if cooling else f"The heating used {span}"]
     bounds = (low, high) if low < high else ()
     if bounds:
         parts.append(f"95 % between {amount(low)} and {amount(high)} kWh")
     yield RoomAnswer("energy", "; ".join(parts), "kWh", total, *bounds)
+    one = "1 K more" if cooling else "1 K less"
     if loss is None or "rely" in doubt:
-        sentence = "What 1 K less would have saved is not known, for the heat loss is not"
-        yield RoomAnswer("saving", sentence, "kWh")
+        yield RoomAnswer("saving", f"What {one} would have saved is not known, for the heat loss is not", "kWh")
         return
     hours = np.bincount(days - days[0]) * past.step / _HOUR
-    low, saved, high = (float(np.minimum(one * hours / 1000.0, used).sum()) for one in loss)
+    low, saved, high = (float(np.minimum(each * hours / 1000.0, used).sum()) for each in loss)
     if saved > _MOSTLY * total:
-        sentence = "What 1 K less would have saved is not known, for mostly other heat keeps the room warm"
-        yield RoomAnswer("saving", sentence, "kWh")
+        why = "the room was hardly cooled" if cooling else "mostly other heat keeps the room warm"
+        yield RoomAnswer("saving", f"What {one} would have saved is not known, for {why}", "kWh")
         return
-    parts = [f"1 K less would have saved about {amount(saved)} kWh ({100.0 * saved / total:.0f} %)"]
+    parts = [f"{one} would have saved about {amount(saved)} kWh ({100.0 * saved / total:.0f} %)"]
     if np.isfinite(low):
         parts.append(f"95 % between {amount(low)} and {amount(high)} kWh")
     yield RoomAnswer("saving", "; ".join(parts), "kWh", saved, low, high)
@@ -440,14 +475,14 @@ _FROM_FINDINGS = dict.fromkeys(kinds.TELEMETRY, -1) | {
 _NO_CONTROLLER = "do not let a controller rely on the forecasts yet"
 
 
-def _for_comfort(comfort: Comfort, past: Past, warming: float, heated: Callable[[Mask], float]) -> Iterator[ToDo]:
+def _for_comfort(comfort: Comfort, past: Past, warming: float, use: _Use) -> Iterator[ToDo]:
     """What to do about an uncomfortable room; `warming` [h] is how long it usually takes to be warm after a setback, 0
-    if unknown, and `heated` is as `_heated` has it."""
+    if unknown."""
     cold, warm = (3.5, 3.0) if comfort.often == "warm" else (3.0, 3.5)
     if comfort.share(comfort.cold) > RARE:
-        yield ToDo(*_against_cold(comfort, past, warming, heated(comfort.cold)), cold)
+        yield ToDo(*_against_cold(comfort, past, warming, use.heated(comfort.cold)), cold)
     if comfort.share(comfort.warm) > RARE:
-        yield ToDo(*_against_warmth(comfort, heated(comfort.warm)), warm)
+        yield ToDo(*_against_warmth(comfort, use.heated(comfort.warm), use.cooled(comfort.warm)), warm)
 
 
 def for_the_model(diagnosis: Diagnosis, trust: Trust) -> Iterator[ToDo]:
@@ -480,19 +515,28 @@ def _against_cold(comfort: Comfort, past: Past, warming: float, heated: float) -
     return "heat more, or give the zone its set-point", reason
 
 
-def _against_warmth(comfort: Comfort, heated: float) -> tuple[str, str]:
+def _against_warmth(comfort: Comfort, heated: float, cooled: float) -> tuple[str, str]:
     hours = float(comfort.warm.sum()) * comfort.hours
     if heated > _LITTLE:
         reason = f"it was too warm for {hours:.0f} h while it was heated"
         return "lower the heating or look for a valve that does not close", reason
+    if cooled > _FULL:
+        return "shade the windows, or have the cooling looked at", f"it was too warm for {hours:.0f} h at full cooling"
+    if cooled > 0.0:
+        return "look for what keeps the cooling from following the set-point", f"it was too warm for {hours:.0f} h"
     return "shade the windows or air", f"it was too warm for {hours:.0f} h without much heating"
 
 
 def _heated(network: Network, past: Past, standing: Standing, when: Mask) -> float:
     """Mean heating power `when` something was so, as a share of the largest; 0 without heating."""
     heat = _heating(network)
-    most = float(standing.carried.record.largest[heat].sum())
-    return float(np.nansum(past.inputs[when][:, heat], axis=1).mean()) / most if most > 0.0 else 0.0
+    return _share(np.nansum(past.inputs[:, heat], axis=1), when, standing.carried.record.largest[heat].sum())
+
+
+def _share(power: Array, when: Mask, most: float = 0.0) -> float:
+    """Mean of `power` (K,) [W] `when` something was so, as a share of its largest or `most`; 0 without any."""
+    largest = max(float(most), float(power.max(initial=0.0)))
+    return float(power[when].mean()) / largest if largest > 0.0 and when.any() else 0.0
 
 
 def _grouped(findings: Sequence[Finding]) -> list[Finding]:

@@ -14,15 +14,20 @@ def morning(hour: float) -> float:
     return 21.0 if 6.5 <= hour % 24.0 < 22.0 else 17.0
 
 
-def recorded(days, period, setpoint=morning, power=6000.0):
-    """Outputs (n, 1), inputs (n, 2) and set-points (n,) of a house with a proportional heater, every `period` s."""
+def proportional(excess):
+    """Heat [W] at `excess` K above the set-point."""
+    return 6000.0 * float(np.clip(0.2 - excess / 1.5, 0.0, 1.0))
+
+
+def recorded(days, period, setpoint=morning, power=proportional):
+    """Outputs (n, 1), inputs (n, 2) and set-points (n,) of a house whose heater follows `power`, every `period` s."""
     rng = np.random.default_rng(2)
     indoor, envelope = 20.0, 17.0
     outputs, inputs, wanted = [], [], []
     for k in range(days * 86400 // period):
         hour = k * period / 3600.0
         outdoor = 3.0 + 5.0 * np.sin(2.0 * np.pi * hour / 24.0)
-        heat = power * float(np.clip((setpoint(hour) - indoor) / 1.5 + 0.2, 0.0, 1.0))
+        heat = power(indoor - setpoint(hour))
         outputs.append(indoor + 0.03 * rng.standard_normal())
         inputs.append((outdoor, heat))
         wanted.append(setpoint(hour))

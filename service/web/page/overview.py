@@ -64,7 +64,7 @@ class Spark(NamedTuple):
     too_cold: float
     """h, against the set-point."""
     too_warm: float
-    """h, against the highest set-point of the day: in a setback a room may cool down."""
+    """h, against the highest set-point of DAYS: in a setback a room may cool down."""
     often: Literal["", "cold", "warm"]
     """As in the answers about the room."""
     often_h: float
@@ -82,7 +82,7 @@ class Spark(NamedTuple):
         # As a line of 24 pixels needs it: a thousand zones have 48,000 of these.
         values = (round(by_time.get(when, math.nan), 2) for when in range(first, sample_time + 1, series.bucket))
         cold = measured < setpoint - COLD
-        warm = (measured > np.fmax.reduce(setpoint, initial=np.nan) + WARM) & np.isfinite(setpoint)
+        warm = (measured > np.fmax.reduce(series.means["setpoint"], initial=np.nan) + WARM) & np.isfinite(setpoint)
         too_cold, too_warm = (float(when.sum()) * series.bucket / 3600.0 for when in (cold, warm))
         line = SparkPayload(first, series.bucket, tuple(values))
         lowest = float(np.fmin.reduce(setpoint[times > sample_time - _WARMING], initial=np.nan))

@@ -59,7 +59,7 @@ class OverviewRow:
     good_up_to_s: float = shown("as in the trust of the zone")
     findings: tuple[FindingName, ...]
     too_cold_h: Number = shown("h of the last day for which it was too cold for its set-point; null until it was read")
-    too_warm_h: Number = shown("the same for which it was too warm for the highest set-point of the day")
+    too_warm_h: Number = shown("the same for which it was too warm for the highest set-point of 7 days")
     often: Literal["", "cold", "warm"] = shown(
         "what it was, too cold or too warm, for more than 5 % of the last 7 days, as in the answers about the room"
     )

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from estimator.thermostat.answers import Amounts, below, difference, energy, latest, probability_above, total
+from estimator.thermostat.answers import Amounts, below, difference, energy, latest, probability_reached, total
 from estimator.thermostat.live import Heat
-from estimator.types import Mixture
+from estimator.types import Mixtures
 
 HALVES = np.array([0, 0, 1, 1])
 
@@ -77,10 +77,12 @@ def test_hours_below_a_set_point_leave_out_steps_without_one():
     assert amounts.mean() == pytest.approx([0.5])
 
 
-def test_probability_of_a_mixture():
-    mixture = Mixture(np.array([0.5, 0.5]), np.array([[20.0, 22.0]]), np.array([[1e-6, 1e-6]]))
-    assert probability_above(mixture, 21.0) == 0.5
-    assert probability_above(mixture, 22.0) == pytest.approx(0.25)
+def test_a_future_that_swings_reaches_its_highest_temperature():
+    means = np.array([[[20.0, 22.0, 19.0]], [[21.5, 20.0, 19.5]], [[20.0, 22.0, 19.0]]])
+    futures = Mixtures(np.tile([0.5, 0.25, 0.25], (3, 1)), means, np.full((3, 1, 3), 1e-6))
+    assert probability_reached(futures, 21.0) == 0.75
+    assert probability_reached(futures.during(slice(2, 3)), 21.0) == 0.25
+    assert probability_reached(futures, 22.0) == pytest.approx(0.125)
 
 
 @pytest.mark.parametrize(("enough", "expected"), [(10, 10), (7, 7), (0, 0), (-1, None)])

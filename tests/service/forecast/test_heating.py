@@ -117,12 +117,32 @@ def test_what_cannot_be_reached_is_said_with_the_probability_of_starting_now(wor
     assert b'"minutes":null' in document(found, "site", "room")
 
 
-def test_where_the_thermostat_itself_strays_the_start_is_one_that_more_time_would_not_better(worker):
-    by = (MIDNIGHT + 22.0) * 3600.0
-    found = answer(worker, PreheatQuestion(21.0, by, 0.9, 0.3))
-    assert 0.5 <= found.reached < 0.9
-    surer = answer(worker, PreheatQuestion(21.0, by, found.reached + 0.035, 0.3))
-    assert surer.start <= found.start - 3600.0
+def under_a_relay(days, setpoint=morning):
+    """As `recorded`, with a relay of 8 kW that lets the room swing 0.6 K and more to either side of its set-point."""
+    on = False
+
+    def power(excess):
+        nonlocal on
+        on = excess < 0.0 if abs(excess) > 0.6 else on
+        return 8000.0 * on
+
+    return recorded(days, PERIOD // 2, setpoint, power)
+
+
+def test_a_relay_that_lets_the_room_swing_is_no_reason_to_start_hours_earlier():
+    worker = ZoneWorker(build("ekf", network("tite"), PERIOD // 2, {}), WorkerSettings(5, (0.95,), 3, 900.0))
+    for k, (outputs, inputs, setpoint) in enumerate(zip(*under_a_relay(DAYS), strict=True)):
+        worker.step(Sample.measured(k * PERIOD // 2, outputs, inputs)._replace(setpoint=setpoint))
+    by = MIDNIGHT + 6.5
+    found = answer(worker, PreheatQuestion(21.0, by * 3600.0, 0.9, 0.5))
+    assert found.reached >= 0.9
+
+    def warm_once(start):
+        truth = under_a_relay(DAYS + 1, lambda h: morning(h) if h < MIDNIGHT else 21.0 if h >= start else 17.0)[0]
+        return (truth[round((by - 2.0) * 4) : round(by * 4) + 1, 0] >= 20.5).any()
+
+    latest = max(start for start in np.arange(MIDNIGHT, by, 0.25) if warm_once(start))
+    assert latest - 0.75 <= found.start / 3600.0 <= latest
 
 
 def test_demand_under_a_plan_is_what_the_house_then_takes(worker):

@@ -101,9 +101,10 @@ def test_a_rise_in_two_steps_is_no_setback_and_a_gap_is_no_cold_room():
     assert answer.sentence.startswith("After a setback it took 0.5 h to be warm again, at most 1.0 h; start")
 
 
-def worker(issued, known, forecasts=20):
+def worker(issued, known, forecasts=20, recorded=7):
     def window(days, error):
-        return tuple(SimpleNamespace(lead=lead, forecasts=forecasts, rmse=error) for lead in (3600, 21600, 86400))
+        count = forecasts * min(days, recorded)
+        return tuple(SimpleNamespace(lead=lead, forecasts=count, rmse=error) for lead in (3600, 21600, 86400))
 
     skill = SimpleNamespace(over=lambda days: window(days, known), issued_over=lambda days: window(days, issued))
     network = SimpleNamespace(inputs=("T_out", "u_heat"), channel_unit={"T_out": "degC", "u_heat": "W"}.get)
@@ -121,6 +122,10 @@ def test_forecasts_that_were_right_need_no_reason():
     assert answer.sentence == "In the last day the forecasts 6 h ahead were off by 0.3 K; 0.3 K is usual"
     assert (answer.value, answer.unit) == (0.3, "K")
     assert asked(worker(0.3, 0.2, forecasts=3)) == []
+    (first,) = asked(worker(0.3, 0.2, recorded=1))
+    assert first.sentence == "In the last day the forecasts 6 h ahead were off by 0.3 K", (
+        "nothing is usual on a first day"
+    )
 
 
 def test_an_input_that_came_otherwise_is_named():

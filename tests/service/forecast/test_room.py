@@ -16,7 +16,7 @@ from estimator.network.discretise import heat_loss
 from estimator.registry import build
 from replay.reports.language import sayer
 from service.forecast import room
-from service.forecast.room import MOST, Past, RoomQuestion, _highest, _loss
+from service.forecast.room import MOST, Past, RoomQuestion, _highest, _loss, highest
 from service.records.sample import Sample
 from service.records.trust import HorizonTrust, Trust
 from service.zone.foresight.outlook import NO_WEATHER
@@ -94,6 +94,18 @@ def test_the_highest_set_point_of_a_day_is_that_of_its_intervals(width):
     assert _highest(np.arange(2.4e6), 1.0, 86_400.0)[-1] == 2.4e6 - 1.0
 
 
+def test_a_room_that_cools_down_over_the_first_night_or_a_weekend_is_not_too_warm(worker):
+    hours = np.arange(len(TIMES)) * PERIOD / 3600.0
+    # Set back in the first night, and from the evening of the third day on.
+    setpoint = np.where((hours > 6.0) & (hours < 68.0), 21.0, 15.0)
+    cooling = np.maximum(21.0 - 0.05 * np.maximum(hours - 68.0, 0.0), 17.0)
+    found = answers(asked(worker, PAST._replace(setpoint=setpoint, temperature=cooling)))["comfort"]
+    assert " 0 h too warm" in found.sentence
+    assert highest(np.array([np.nan, 17.0, 21.0, 15.0]), 86_400.0).tolist() == [21.0] * 4
+    month = np.repeat([22.0, 20.0], 10)
+    assert highest(month, 86_400.0).tolist() == [22.0] * 16 + [20.0] * 4
+
+
 def test_without_a_set_point_comfort_is_a_band(worker):
     no_one = PAST._replace(setpoint=np.full(len(TIMES), np.nan), temperature=np.full(len(TIMES), 23.0))
     comfort = answers(asked(worker, no_one))["comfort"]
@@ -112,6 +124,30 @@ def test_loss_energy_and_what_a_kelvin_less_would_have_saved(worker):
     saved = found["saving"]
     assert saved.value == pytest.approx(loss.value * 24.0 * DAYS / 1000.0, rel=1e-6)
     assert saved.lower == pytest.approx(loss.lower * 24.0 * DAYS / 1000.0, rel=1e-6)
+
+
+def test_a_room_that_is_only_cooled_is_told_of_its_cooling(worker):
+    loss = answers(asked(worker))["heat_loss"].value
+    cooled = PAST._replace(inputs=INPUTS * [1.0, -1.0], setpoint=np.full(len(TIMES), 10.0))
+    room = asked(worker, cooled)
+    found = answers(room)
+    used = INPUTS[:, 1].sum() * PERIOD / 3.6e6
+    assert found["energy"].sentence.startswith("The cooling used ")
+    assert found["energy"].value == pytest.approx(used)
+    assert found["saving"].sentence.startswith("1 K more would have saved about ")
+    assert found["saving"].value == pytest.approx(loss * 24.0 * DAYS / 1000.0, rel=1e-6)
+    assert [one.what for one in room.to_do] == ["look for what keeps the cooling from following the set-point"]
+    full = asked(worker, cooled._replace(inputs=np.full_like(INPUTS, -6000.0)))
+    assert [one.why for one in full.to_do] == [f"it was too warm for {24 * DAYS} h at full cooling"]
+
+
+def test_what_a_room_does_without_heating_is_not_told_where_heating_was_never_measured(worker, monkeypatch):
+    record = worker.standing.carried.record
+    dark = worker.standing.carried._replace(record=record._replace(largest=np.zeros_like(record.largest)))
+    monkeypatch.setattr(worker, "standing", worker.standing._replace(carried=dark))
+    found = answers(asked(worker, PAST._replace(inputs=INPUTS * [1.0, 0.0])))
+    assert "cooling" not in found
+    assert "no heating was measured" in found["heat_loss"].sentence
 
 
 def test_a_loss_that_cannot_be_believed_saves_nothing(worker, monkeypatch):
