@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import DAY, Array
+from estimator.arrays import DAY, HOUR, Array
 from estimator.diagnosis.diagnose import EVERY, diagnose, due
 from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record, no_record, with_sample
@@ -47,9 +47,14 @@ start anew (a sensor was moved, a room was re-fitted); parameters and volatility
 ISSUED_DRAWS = 200
 """Draws that a forecast is made of which is verified as it was issued: a sample of those of the published one."""
 
-_SELDOM, _LAST_WEEKS = 7, 35 * DAY
-"""h between live forecasts in a long history, no divisor of a day, so that they are made at every hour of it; and s at
-its end in which they are made every hour, for their record reaches back 30 days."""
+_LAST_WEEK, _LAST_WEEKS = 8 * DAY, 35 * DAY
+"""s at the end of a history: the first is lived through as if nothing had been recorded, for trust looks back on it; of
+the second the report tells."""
+
+_SELDOM, _SELDOM_LIVE = 7, (5, 23)
+"""In a history, how many times as seldom findings and trust are looked at before _LAST_WEEKS, and live forecasts are
+made before _LAST_WEEK and before _LAST_WEEKS. Such a forecast stands for as many. None divides a day, so that every
+hour of it has its turn."""
 
 UNUSABLE_SD = 10.0
 """K: a forecast with a larger standard deviation says nothing of a room. Nonsense in the telemetry can leave a UKF with
@@ -145,7 +150,7 @@ class Loop:
         self.estimator = estimator
         self.history_end = -math.inf
         """UTC s up to which samples are history that nobody lives through. Live forecasts, which cost more than all
-        else, are then made seldom before its last weeks: what they prove is forgotten within these. So are findings."""
+        else, are then made seldom before its last week, and before its last weeks nobody waits for findings."""
         self.verification = Verification(estimator)
         self.as_issued = AsIssued(estimator.period)
         self.live = LiveForecasts(estimator, seed, to_come)
@@ -213,7 +218,7 @@ class Loop:
             assert after.standing is not None
             if after.standing.state is not standing.state:
                 ahead = estimator.predictive(after.standing.state)
-        period, every = int(estimator.period), EVERY * (_SELDOM if self.long_ago(time) else 1)
+        period, every = int(estimator.period), EVERY * self.seldom(time)
         if not self._single_steps and due(estimator.network, before, record, time, period, self._seed, every):
             after = after._replace(diagnosis=self.diagnose(after))
         scored = carried.standing.forecast if continues and carried.standing is not None else None
@@ -329,7 +334,7 @@ class Loop:
 
         issues = self._issues(time + period)
         now = Now(carried.standing.state, known, inputs, time + period)
-        live = self.live.advanced(live, now, ahead if issues else None)
+        live = self.live.advanced(live, now, ahead if issues else None, self._apart(time + period))
         return carried._replace(thermostat=known, live=live)
 
     def _issued(self, carried: Carried, time: int) -> Carried:
@@ -351,10 +356,19 @@ class Loop:
         return carried._replace(standing=standing._replace(issued=issued))
 
     def _issues(self, time: int) -> bool:
-        """Whether live forecasts from a state at `time` [UTC s] are made and verified: every hour, and seldom in a long
-        history."""
-        seldom = self.long_ago(time) and time // 3600 % _SELDOM != self._seed % _SELDOM
-        return issued_at(time, self.estimator.period, self._seed) and not seldom
+        """Whether live forecasts from a state at `time` [UTC s] are made and verified."""
+        apart = self._apart(time)
+        return issued_at(time, self.estimator.period, self._seed) and time // HOUR % apart == self._seed % apart
+
+    def _apart(self, time: int) -> int:
+        """From one live forecast to the next at `time` [UTC s], in those of every hour."""
+        if self.long_ago(time):
+            return _SELDOM_LIVE[1]
+        return _SELDOM_LIVE[0] if time < self.history_end - _LAST_WEEK else 1
+
+    def seldom(self, time: int) -> int:
+        """How many times as seldom as usual findings and trust are looked at, at `time` [UTC s]."""
+        return _SELDOM if self.long_ago(time) else 1
 
     def long_ago(self, time: int) -> bool:
         """Whether `time` [UTC s] lies in a long history, before its last weeks."""

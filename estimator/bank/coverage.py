@@ -43,19 +43,28 @@ def no_widths(horizons: int) -> Widths:
 
 
 def with_place(
-    widths: Widths, horizon: int, place: float, share: float, *, level: float, feedback: float, first: float
+    widths: Widths,
+    horizon: int,
+    place: float,
+    share: float,
+    *,
+    level: float,
+    feedback: float,
+    first: float,
+    stands: float = 1.0,
 ) -> Widths:
     """`widths` after a sample at `place` of the published distribution, a probability, `horizon` ahead.
 
     `share` is what the forecast counts as, in independent ones, 0 to 1. `level` is that of the interval; the step of
-    the log scale is `feedback`, or `first` over the number of verified forecasts where that is more, times `share`.
+    the log scale is `feedback`, or `first` over the number of verified forecasts where that is more, times `share`. A
+    forecast may stand for several that were not made.
     """
     log_scale, verified = widths.log_scale.copy(), widths.verified.copy()
-    verified[horizon] += 1.0
+    verified[horizon] += stands
     missed = float(abs(place - 0.5) > 0.5 * level)
     step = max(feedback, first / verified[horizon]) * share
     surprise = min(float(ndtri(place)) ** 2, _FARTHEST)
-    likelihood = 0.5 * (surprise - 1.0) * share / (_PRIOR + share * verified[horizon])
+    likelihood = 0.5 * (surprise - 1.0) * share / (_PRIOR + share / stands * verified[horizon])
     moved = log_scale[horizon] + step * (missed - (1.0 - level)) + likelihood
     log_scale[horizon] = min(max(moved, -_WIDEST), _WIDEST)
     return Widths(log_scale, verified)

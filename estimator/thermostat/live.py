@@ -127,6 +127,8 @@ class Issue(NamedTuple):
     """(3, H): by which forecasts of temperatures were stretched, by _WIDTHS."""
     errors: Array
     """(H, N): errors [K] that were added where the thermostat holds the room."""
+    stands: Array
+    """(): for how many forecasts of every hour it stands: until the next one, where they are made seldom."""
 
 
 class Live(NamedTuple):
@@ -355,11 +357,13 @@ class LiveForecasts:
             of.append(held.states(paths.temperatures[:, -1:, 0].T, laws, setpoints[-1:])[0])
         now = self._weights(live.members, issue.trusted.T)[:, horizon]
         everyone = range(len(parts))
-        live = live._replace(members=_judged(live.members, horizon, parts, now, value, self._hours, everyone))
+        stands = float(issue.stands)
+        judged = _judged(live.members, horizon, parts, now, value, stands * self._hours, everyone)
+        live = live._replace(members=judged)
         counted = np.flatnonzero(shares > 0.0).tolist()
         told = mixed([parts[place] for place in counted], np.array(own)[counted] / np.sum(own), 1.0)
         futures = told._replace(means=np.concatenate([energies[place] for place in counted])[None])
-        live = self._energy_widened(live, horizon, futures, float(live.heat[len(live.heat) - steps :].sum()))
+        live = self._energy_widened(live, horizon, futures, float(live.heat[len(live.heat) - steps :].sum()), stands)
         states = np.concatenate([of[place] for place in counted])
         scales = issue.scales[[PLANNED, _FORCED], horizon]
         strayed = held.strayed_by_all(told, states, scales, issue.errors[horizon])
@@ -369,7 +373,7 @@ class LiveForecasts:
             error = value - float(np.average(told.means[0, kept], weights=told.weights[kept]))
             return live._replace(errors=held.with_error(live.errors, horizon, error)), strayed
         width = PLANNED if state == held.IDLE else _FORCED
-        return self._widened(live, width, horizon, strayed, float(issue.scales[width, horizon]), value), strayed
+        return self._widened(live, width, horizon, strayed, float(issue.scales[width, horizon]), value, stands), strayed
 
     def _learned_of_none(self, live: Live, horizon: int, issue: Issue, value: float) -> tuple[Live, Mixture | None]:
         """What the futures of an issue made of it, and what had been told of it."""
@@ -377,41 +381,44 @@ class LiveForecasts:
         if not there:
             return live, None
         now = self._weights(live.futures, self._prior)[there, horizon]
-        futures = _judged(live.futures, horizon, parts, now / now.sum(), value, self._hours, there)
-        scale = float(issue.scales[UNPLANNED, horizon])
+        stands, scale = float(issue.stands), float(issue.scales[UNPLANNED, horizon])
+        futures = _judged(live.futures, horizon, parts, now / now.sum(), value, stands * self._hours, there)
         whole = _unplanned(issue, horizon, scale)
-        live = self._widened(live._replace(futures=futures), UNPLANNED, horizon, whole, scale, value)
+        live = self._widened(live._replace(futures=futures), UNPLANNED, horizon, whole, scale, value, stands)
         return live, whole
 
-    def _energy_widened(self, live: Live, horizon: int, futures: Mixture, value: float) -> Live:
+    def _energy_widened(self, live: Live, horizon: int, futures: Mixture, value: float, stands: float) -> Live:
         """The width of energies after those of `futures` were held to `value`, that of the same steps."""
         sd = float(np.sqrt(np.average((futures.means[0] - futures.mean()[0]) ** 2, weights=futures.weights)))
         if not np.isfinite(value) or sd <= 0.0:
             return live
         told = Mixture(np.ones(1), futures.mean()[:, None], np.full((1, 1), sd))
-        return self._widened(live, _ENERGY, horizon, told, 1.0, value)
+        return self._widened(live, _ENERGY, horizon, told, 1.0, value, stands)
 
-    def _widened(self, live: Live, width: int, horizon: int, mixture: Mixture, scale: float, value: float) -> Live:
+    def _widened(
+        self, live: Live, width: int, horizon: int, mixture: Mixture, scale: float, value: float, stands: float
+    ) -> Live:
         """The width, by _WIDTHS, after a `mixture`, told with `scale`, was held to `value`: at the present scale, as a
-        bank learns it."""
+        bank learns it. It `stands` for so many forecasts of every hour."""
         widths = list(live.widths)
         present = float(np.exp(widths[width].log_scale[horizon])) / scale
         widths[width] = with_place(
             widths[width],
             horizon,
             distribution(stretched(mixture, present), 0, value),
-            min(self._hours / (self.leads[horizon] * self._estimator.period / HOUR), 1.0),
+            min(stands * self._hours / (self.leads[horizon] * self._estimator.period / HOUR), 1.0),
             level=LEVEL,
             feedback=_FEEDBACK,
             first=_FIRST,
+            stands=stands,
         )
         return live._replace(widths=tuple(widths))
 
-    def advanced(self, live: Live, now: Now, ahead: Callable[[int], Ahead] | None) -> Live:
+    def advanced(self, live: Live, now: Now, ahead: Callable[[int], Ahead] | None, apart: int = 1) -> Live:
         """One period on, under the inputs in force and the newest set-point.
 
         Where both questions are answered now, to be held to what comes, `ahead(h)` is what is foreseen of h steps;
-        otherwise it is None.
+        otherwise it is None. They are answered every hour, or `apart` times as seldom.
         """
         step, longest = live.step + 1, max(self.leads, default=0)
         issues = tuple(issue for issue in live.issues if step - int(issue.step) < longest)
@@ -419,7 +426,7 @@ class LiveForecasts:
         column = now.thermostat.laws.column.astype(np.int64)
         heat = np.append(live.heat, np.abs(now.before[column]).sum() if len(column) else np.nan)
         if longest and ahead is not None and self.knows(now.thermostat, now.time):
-            issues = (*issues, self._issue(live, step, now, ahead(longest - 1)))
+            issues = (*issues, self._issue(live, step, now, ahead(longest - 1), apart))
         kept = step - int(issues[0].step) if issues else 0
         first = len(setpoints) - kept
         return live._replace(step=step, setpoints=setpoints[first:], heat=heat[first:], issues=issues)
@@ -459,8 +466,8 @@ class LiveForecasts:
                 {name: values[row] for name, values in under(f"drawn.{place}.", arrays).items()}
                 for place in range(len(self._members))
             )
-            # What was issued before it was known that foresight errs took it for exact.
-            exact = {"strays": np.zeros_like(arrays["issues.before"][row])}
+            # What was issued before it was known that foresight errs took it for exact, and came every hour.
+            exact = {"strays": np.zeros_like(arrays["issues.before"][row]), "stands": np.array(1.0)}
             told = {name: arrays[f"issues.{name}"][row] for name in _PLAIN if f"issues.{name}" in arrays}
             issues.append(Issue(drawn=drawn, **(exact | told)))
         return Live(
@@ -477,7 +484,7 @@ class LiveForecasts:
             errors=arrays.get("errors", fresh.errors),
         )
 
-    def _issue(self, live: Live, step: int, now: Now, ahead: Ahead) -> Issue:
+    def _issue(self, live: Live, step: int, now: Now, ahead: Ahead, apart: int) -> Issue:
         chances, state = self._chances(live, now.thermostat), now.state
         leads = np.array(self.leads, dtype=np.float64)
         everything = self._futures(live, now, ahead, chances[0] > 0.0, _TRIED, leads)
@@ -502,6 +509,7 @@ class LiveForecasts:
             chances=chances,
             scales=np.exp(np.array([each.log_scale for each in live.widths[:_ENERGY]])),
             errors=live.errors,
+            stands=np.array(float(apart)),
         )
 
     def _futures(

@@ -255,8 +255,8 @@ class ZoneWorker:
 
     def _judged(self, carried: Carried, update: Update) -> Trust:
         """How far the forecasts are trusted: by what was verified once an hour, by this moment always."""
-        before, skill = self.trust, None
-        if not before.horizons or update.time // _HOUR != before.time // _HOUR:
+        before, skill, every = self.trust, None, _HOUR * self.loop.seldom(update.time)
+        if not before.horizons or update.time // every != before.time // every:
             skill = self._skill(carried, update.time, LOOKED_BACK)
         return judged(before, update, skill, carried.diagnosis)
 

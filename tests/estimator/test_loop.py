@@ -5,6 +5,7 @@ import copy
 import numpy as np
 import pytest
 
+from estimator import loop as loops
 from estimator.loop import VANISHED_LIMIT, Loop
 from estimator.network.presets import network
 from estimator.registry import build
@@ -22,9 +23,9 @@ def loop_of(name, **settings):
     return Loop(build(name, network("tite"), PERIOD, KINDS[name]), 5, (0.95, 0.5), **settings)
 
 
-def taken(loop, carried, k, y=None, continues=True):
+def taken(loop, carried, k, y=None, continues=True, setpoint=np.nan):
     outputs = np.array([20.0 + 0.3 * np.sin(k / 9) if y is None else y])
-    return loop.step(carried, k * PERIOD, outputs, np.array([5.0, 600.0 * (k % 5 < 2)]), continues and k > 0)
+    return loop.step(carried, k * PERIOD, outputs, np.array([5.0, 600.0 * (k % 5 < 2)]), continues and k > 0, setpoint)
 
 
 def bits(part):
@@ -62,17 +63,21 @@ def test_single_steps_are_those_of_the_whole_loop(name):
     assert right.standing.verified is None
 
 
-def test_in_a_long_history_live_forecasts_are_seldom_made_until_its_last_weeks():
-    loop, hours, weeks = loop_of("ekf"), 6, 5
-    steps = 14 * 24 * hours
-    loop.history_end = steps * PERIOD + weeks * 7 * 86400 - 3 * 86400
-    carried, made, latest = loop.begin(), [], 0
+def test_in_a_long_history_live_forecasts_are_the_more_seldom_the_longer_ago(monkeypatch):
+    monkeypatch.setattr(loops, "_LAST_WEEKS", 6 * 86400)
+    monkeypatch.setattr(loops, "_LAST_WEEK", 2 * 86400)
+    loop, steps = loop_of("ekf"), 10 * 24 * 6
+    loop.history_end = steps * PERIOD
+    carried, made, stands = loop.begin(), [], []
     for k in range(steps):
-        carried = taken(loop, carried, k).carried
-        newest = carried.standing.issued.waiting.due.max(initial=0)
-        if newest > latest:
+        carried = taken(loop, carried, k, setpoint=20.0).carried
+        issue = carried.live.issues[-1] if carried.live.issues else None
+        if issue is not None and int(issue.step) == carried.live.step:
             made.append((k + 1) * PERIOD // 3600)
-            latest = newest
-    seldom, hourly = (np.diff([hour for hour in made if (hour < 11 * 24) is early]) for early in (True, False))
-    assert (set(seldom), set(hourly)) == ({7}, {1})
-    assert len({hour % 24 for hour in made if hour < 11 * 24}) == 24
+            stands.append(float(issue.stands))
+    days = np.array(made) / 24
+    for begin, end, apart in ((1, 4, 23), (4, 8, 5), (8, 10, 1)):
+        within = (days >= begin) & (days < end)
+        assert set(np.diff(np.array(made)[within])) == {apart}
+        # It stands for those of every hour until the next one.
+        assert set(np.array(stands)[within]) == {apart}

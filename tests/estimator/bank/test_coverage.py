@@ -29,3 +29,18 @@ def test_forecasts_that_miss_one_event_together_widen_as_one_forecast_does():
     for _ in range(24):
         together = with_place(together, 0, 1.0, 1.0 / 24.0, **settled)
     assert together.log_scale[0] == pytest.approx(once.log_scale[0], rel=0.05)
+
+
+def test_a_forecast_that_stands_for_those_of_a_day_is_learned_from_as_they_are():
+    def place(widths, deviate):
+        # Forecasts are half as wide as they should be.
+        return float(ndtr(2.0 * deviate / np.exp(widths.log_scale[0])))
+
+    seldom = often = no_widths(1)
+    for deviate in np.random.default_rng(3).normal(size=300):
+        seldom = with_place(seldom, 0, place(seldom, deviate), 1.0, **LEVELS, stands=24.0)
+        for _ in range(24):
+            often = with_place(often, 0, place(often, deviate), 1.0 / 24.0, **LEVELS)
+    assert seldom.verified == often.verified
+    assert often.log_scale[0] == pytest.approx(np.log(2.0), abs=0.1)
+    assert seldom.log_scale[0] == pytest.approx(often.log_scale[0], abs=0.02)

@@ -259,6 +259,14 @@ def test_what_was_stored_before_forecasts_were_verified_as_asked_goes_on_without
     assert again.errors.tobytes() == zone.forecasts.begin().errors.tobytes()
 
 
+def test_what_was_stored_before_forecasts_could_be_seldom_came_every_hour():
+    zone = Zone().run(recorded(3, PERIOD), 0, 3 * DAILY)
+    stored = zone.forecasts.pack(zone.live)
+    again = zone.forecasts.unpack({name: value for name, value in stored.items() if name != "issues.stands"})
+    assert again.issues
+    assert {float(issue.stands) for issue in again.issues} == {1.0}
+
+
 def told_every_hour(days, setpoint):
     memory = no_memory(2)
     for moment in range(0, days * 86400, 3600):
