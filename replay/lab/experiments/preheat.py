@@ -9,10 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator import registry
 from estimator.arrays import Array
 from replay.energyplus.buildings import building_named
-from replay.energyplus.heating import OnOff
 from replay.energyplus.library import library
 from replay.energyplus.plant import STEP
 from replay.errors import ReplayError
@@ -21,21 +19,15 @@ from replay.experiments.request import Request
 from replay.experiments.study import Figures, Results, Study
 from replay.lab.experiments.control.cases import UNDISTURBED, Scene
 from replay.lab.experiments.control.experiment import USUAL, WEATHER
-from replay.lab.experiments.control.loop import Controller, Moment, close
-from replay.lab.experiments.control.site import inputs_of, networks_of
+from replay.lab.experiments.control.loop import Moment, close
+from replay.lab.experiments.relays import PERIOD, Learning
 from replay.localtime import DAY, HOUR
 from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
-from replay.scores.intervals import Mask
-from service.config.fitting import known_heat
 from service.errors import NoLaw
 from service.forecast.heating import PreheatQuestion
-from service.records.sample import Sample
 from service.zone.foresight.outlook import NO_WEATHER
-from service.zone.worker import WorkerSettings, ZoneWorker
 
-PERIOD = 900
-"""s of a sample; a relay looks every STEP s."""
 LEARNED = 14
 """Days before the first question, or half of a shorter run."""
 DAYS = 42
@@ -86,56 +78,35 @@ def prepare(request: Request) -> Study:
     )
 
 
-class Asking(Controller):
-    """Relays keep the set-points of the people, raised when Thermogate says; a worker of each room learns."""
+class Asking(Learning):
+    """Set-points of the people, raised when Thermogate says."""
 
     def __init__(self, run: PreheatRun, scene: Scene) -> None:
+        super().__init__(scene, run.estimator, run.seed)
         self.asked: list[_Question] = []
-        self._building, self._life = scene.of, scene.life()
-        self._networks = list(networks_of(scene.of, scene.whereabouts.location).values())
-        self._relay = OnOff(np.array([room.heater for room in scene.of.rooms]))
         self._learned = min(LEARNED, run.days // 2) * DAY // STEP
-        settings = WorkerSettings(run.seed, (0.95,), 12, PERIOD)
-        made = [registry.build(run.estimator, network, PERIOD, {}) for network in self._networks]
-        self._workers = [ZoneWorker(one, settings, known_heat(one.network, PERIOD, scene.whereabouts)) for one in made]
-        self._wanted = np.empty(0)
-        self._steps: list[tuple[Moment, Array, Array]] = []
 
-    def powers(self, moment: Moment) -> tuple[Array, Mask]:
-        """Of the relays; every room is asked at midnight."""
-        wanted = self._life.set_points(moment.local)
+    def set_points(self, moment: Moment) -> Array:
+        """Every room is asked at midnight."""
+        wanted = super().set_points(moment)
         for room in range(len(wanted)) if moment.local % DAY == 0 and moment.step >= self._learned else ():
             self._ask(room, moment)
         for one in self.asked:
             if one.step <= moment.step < one.by:
-                use = self._building.rooms[one.room].use
+                use = self.building.rooms[one.room].use
                 wanted[one.room] = use.by_day if moment.step >= one.start else use.by_night
-        self._wanted = wanted
-        return self._relay(moment.local, moment.shown, wanted), np.zeros(len(wanted), dtype=np.bool_)
-
-    def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
-        """A sample of every room at the end of each PERIOD."""
-        self._steps.append((moment, self._wanted, np.array([outdoor, irradiance, *heating])))
-        if len(self._steps) < PERIOD // STEP:
-            return
-        began, wanted, _ = self._steps[0]
-        outdoor, irradiance, *powers = np.mean([acting for *_, acting in self._steps], axis=0)
-        for index, (worker, network) in enumerate(zip(self._workers, self._networks, strict=True)):
-            inputs = inputs_of(self._building, index, network, began.shown, outdoor, irradiance, np.array(powers))
-            sample = Sample.measured(began.time, began.shown[index : index + 1], inputs)
-            worker.step(sample._replace(setpoint=float(wanted[index])))
-        self._steps = []
+        return wanted
 
     def _ask(self, room: int, moment: Moment) -> None:
         """Nothing where nobody wants it warm on that day, or nothing is known of the thermostat."""
-        use = self._building.rooms[room].use
+        use = self.building.rooms[room].use
         ahead = use.warm[0] * HOUR
         if use.set_point(moment.local + ahead) != use.by_day:
             return
         question, found = PreheatQuestion(use.by_day, moment.time + ahead, PROBABILITY, TOLERANCE), None
         # In a short run a room may have no law yet.
         with suppress(NoLaw):
-            found = question(self._workers[room], NO_WEATHER, lambda: False)
+            found = question(self.workers[room], NO_WEATHER, lambda: False)
         if found is not None:
             here = moment.step
             start = here if found.start is None else here + round((found.start - moment.time) / STEP)

@@ -1,0 +1,61 @@
+"""Relays in a building of EnergyPlus, which keep the set-points of its people, and zones that learn beside them."""
+
+import numpy as np
+
+from estimator import registry
+from estimator.arrays import Array
+from replay.energyplus.heating import OnOff
+from replay.energyplus.plant import STEP
+from replay.lab.experiments.control.cases import Scene
+from replay.lab.experiments.control.loop import Controller, Moment
+from replay.lab.experiments.control.site import inputs_of, networks_of
+from replay.scores.intervals import Mask
+from service.config.fitting import known_heat
+from service.records.sample import Sample
+from service.zone.worker import WorkerSettings, ZoneWorker
+
+PERIOD = 900
+"""s of a sample; a relay looks every STEP s."""
+
+
+class Relays(Controller):
+    """Relays keep what `set_points` gives them."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.building, self.life = scene.of, scene.life()
+        self._relay = OnOff(np.array([room.heater for room in scene.of.rooms]))
+        self._wanted = np.empty(0)
+
+    def set_points(self, moment: Moment) -> Array:
+        """(N,) degC from `moment` on: those of the people."""
+        return np.array(self.life.set_points(moment.local))
+
+    def powers(self, moment: Moment) -> tuple[Array, Mask]:
+        """Of the relays."""
+        self._wanted = self.set_points(moment)
+        return self._relay(moment.local, moment.shown, self._wanted), np.zeros(len(self._wanted), dtype=np.bool_)
+
+
+class Learning(Relays):
+    """A worker of each room learns beside them."""
+
+    def __init__(self, scene: Scene, estimator: str, seed: int) -> None:
+        super().__init__(scene)
+        self._networks = list(networks_of(scene.of, scene.whereabouts.location).values())
+        settings = WorkerSettings(seed, (0.95,), 12, PERIOD)
+        made = [registry.build(estimator, network, PERIOD, {}) for network in self._networks]
+        self.workers = [ZoneWorker(one, settings, known_heat(one.network, PERIOD, scene.whereabouts)) for one in made]
+        self._steps: list[tuple[Moment, Array, Array]] = []
+
+    def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
+        """A sample of every room at the end of each PERIOD."""
+        self._steps.append((moment, self._wanted, np.array([outdoor, irradiance, *heating])))
+        if len(self._steps) < PERIOD // STEP:
+            return
+        began, wanted, _ = self._steps[0]
+        outdoor, irradiance, *powers = np.mean([acting for *_, acting in self._steps], axis=0)
+        for index, (worker, network) in enumerate(zip(self.workers, self._networks, strict=True)):
+            inputs = inputs_of(self.building, index, network, began.shown, outdoor, irradiance, np.array(powers))
+            sample = Sample.measured(began.time, began.shown[index : index + 1], inputs)
+            worker.step(sample._replace(setpoint=float(wanted[index])))
+        self._steps = []

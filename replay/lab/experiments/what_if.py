@@ -1,0 +1,189 @@
+"""`what-if`: is a day's heat as it was told, and would another plan have saved what was told?
+
+Buildings of EnergyPlus under relays. After two weeks one room in turn is asked at midnight how much heat it takes in
+the day to come under its usual set-points, and how much less where they are SETBACK lower. EnergyPlus lives the day
+both ways.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from replay.energyplus.buildings import building_named
+from replay.energyplus.library import library
+from replay.energyplus.plant import STEP
+from replay.errors import ReplayError
+from replay.experiments.jobs import Arrays, Job
+from replay.experiments.request import Request
+from replay.experiments.study import Figures, Results, Study
+from replay.lab.experiments.control.cases import STEPS_A_DAY, UNDISTURBED, Scene
+from replay.lab.experiments.control.experiment import USUAL, WEATHER
+from replay.lab.experiments.control.loop import Moment, close
+from replay.lab.experiments.relays import PERIOD, Learning, Relays
+from replay.localtime import DAY
+from replay.reports.kit.document import Document
+from replay.reports.kit.report import Report
+from replay.scores.intervals import rmse
+from service.errors import NoLaw
+from service.forecast.answers import Range
+from service.forecast.heating import CompareQuestion, Course, DemandQuestion
+from service.zone.foresight.outlook import NO_WEATHER
+
+LEARNED = 14
+"""Days before the first question, or half of a shorter run."""
+DAYS = 42
+SETBACK = 2.0
+"""K."""
+_KWH = 3.6e6
+ASKED, DEMAND, DEMAND_COVERAGE, OFF, TRUE, SAVING, SAVING_OFF, SAVING_COVERAGE = (
+    *("days asked", "demand, kWh a day", "coverage of the demand's interval", "error of the demand over yesterday's"),
+    *("saving, kWh a day", "saving told", "rms error of the saving, kWh", "coverage of the saving's interval"),
+)
+
+
+class WhatIfRun(NamedTuple):
+    """What a run depends on."""
+
+    building: str
+    estimator: str
+    seed: int
+    days: int
+
+
+class _Answer(NamedTuple):
+    """What `room` was told at `step` of the plant: the demand, and the difference of the set-back, as (lower, mean,
+    upper) in kWh."""
+
+    room: int
+    step: int
+    demand: tuple[float, float, float]
+    difference: tuple[float, float, float]
+
+
+def prepare(request: Request) -> Study:
+    """The experiment for `request`; ReplayError where it cannot be made, EnergyPlusMissing without the extra."""
+    request.accept("seeds", "days", "building")
+    library()
+    days = request.days or DAYS
+    if days < 4:
+        raise ReplayError(f"--days {days}: nothing can be asked before a law is known; give 4 or more")
+    runs = [
+        WhatIfRun(building_named(name).name, "bank", seed, days)
+        for name in request.building or USUAL
+        for seed in request.seeds_or(1)
+    ]
+    return Study(
+        tuple(Job(run.building, run.estimator, run.seed, days_twice, run) for run in runs),
+        lambda run, arrays: _figures(arrays),
+        _report,
+    )
+
+
+class _Asking(Learning):
+    """Asks one room at each midnight but the last; the set-points stay those of the people."""
+
+    def __init__(self, run: WhatIfRun, scene: Scene) -> None:
+        super().__init__(scene, run.estimator, run.seed)
+        self.answers: list[_Answer] = []
+        self._from, self._until = min(LEARNED, run.days // 2) * STEPS_A_DAY, (run.days - 1) * STEPS_A_DAY
+
+    def set_points(self, moment: Moment) -> Array:
+        if moment.step % STEPS_A_DAY == 0 and self._from <= moment.step <= self._until:
+            self._ask(moment.step // STEPS_A_DAY % len(self.workers), moment)
+        return super().set_points(moment)
+
+    def _ask(self, room: int, moment: Moment) -> None:
+        worker, steps = self.workers[room], DAY // PERIOD
+        usual = np.array([self.life.set_points(moment.local + PERIOD * k)[room] for k in range(steps)])
+        try:
+            called = DemandQuestion(steps, usual)(worker, NO_WEATHER, lambda: False)
+            courses = (Course("usual", usual), Course("set back", usual - SETBACK))
+            compared = CompareQuestion(steps, courses)(worker, NO_WEATHER, lambda: False)
+        except NoLaw:
+            # In a short run a room may have none yet.
+            return
+        if called is not None and compared is not None:
+            told = _bounds(called.demand.total), _bounds(compared.differences[0].energy)
+            self.answers.append(_Answer(room, moment.step, *told))
+
+
+class _SetBack(Relays):
+    """The day of one answer with the set-points that it was asked for."""
+
+    def __init__(self, scene: Scene, answer: _Answer) -> None:
+        super().__init__(scene)
+        self._answer = answer
+
+    def set_points(self, moment: Moment) -> Array:
+        wanted = super().set_points(moment)
+        if moment.step >= self._answer.step:
+            wanted[self._answer.room] -= SETBACK
+        return wanted
+
+
+def days_twice(run: WhatIfRun) -> Arrays:
+    """By day asked (Q,): `demand` and `difference` (Q, 3), told as lower end, mean and upper end; `took`, `before` and
+    `differed`, what the day took, the day before, and the day set back took more. In kWh."""
+    scene = Scene(run.building, WEATHER[run.building], UNDISTURBED, run.seed, run.days, run.days)
+    asking = _Asking(run, scene)
+    usual = close(scene, asking).heating
+    took, before, differed = (np.empty(len(asking.answers)) for _ in range(3))
+    for place, one in enumerate(asking.answers):
+        shorter = scene._replace(days=one.step // STEPS_A_DAY + 1)
+        instead = close(shorter._replace(controlled=shorter.days), _SetBack(scene, one)).heating
+        took[place], before[place] = (_energy(usual, one, ago) for ago in (0, 1))
+        differed[place] = _energy(instead, one, 0) - took[place]
+    return {
+        "demand": np.array([one.demand for one in asking.answers]),
+        "difference": np.array([one.difference for one in asking.answers]),
+        "took": took,
+        "before": before,
+        "differed": differed,
+    }
+
+
+def _energy(heating: Array, asked: _Answer, ago: int) -> float:
+    """Of the day [kWh] that began so many days before the question, of `heating` (K, N) [W]."""
+    begin = asked.step - ago * STEPS_A_DAY
+    return float(heating[begin : begin + STEPS_A_DAY, asked.room].sum() * STEP / _KWH)
+
+
+def _bounds(told: Range) -> tuple[float, float, float]:
+    return told.lower, told.mean, told.upper
+
+
+def _figures(arrays: Arrays) -> Figures:
+    (low, mean, high), (least, less, most) = arrays["demand"].T, arrays["difference"].T
+    took, differed = arrays["took"], arrays["differed"]
+    return {
+        ASKED: float(len(took)),
+        DEMAND: float(took.mean()),
+        DEMAND_COVERAGE: float(((low <= took) & (took <= high)).mean()),
+        OFF: rmse(mean - took) / rmse(arrays["before"] - took),
+        TRUE: float(-differed.mean()),
+        SAVING: float(-less.mean()),
+        SAVING_OFF: rmse(less - differed),
+        SAVING_COVERAGE: float(((least <= differed) & (differed <= most)).mean()),
+    }
+
+
+def _report(results: Results) -> Report:
+    document = Document(__package__, "what_if.md")
+    lead = [
+        line
+        for name in results.recordings
+        for line in document.lines(
+            "Lead",
+            name=name,
+            held=results.mean(name, "bank", DEMAND_COVERAGE),
+            told=results.mean(name, "bank", SAVING),
+            true=results.mean(name, "bank", TRUE),
+            saved=results.mean(name, "bank", SAVING_COVERAGE),
+        )
+    ]
+    done = document.section("What was done", setback=SETBACK, period=PERIOD // 60)
+    columns = (ASKED, DEMAND, DEMAND_COVERAGE, OFF, TRUE, SAVING, SAVING_OFF, SAVING_COVERAGE)
+    return Report(
+        document.title, tuple(lead), (done, document.section("What came out", results.table("what-if", columns)))
+    )
