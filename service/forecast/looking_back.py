@@ -113,8 +113,8 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Itera
     inside = times[lost & (number == most)]
     begin, end = spoken_stretch(inside[0], inside[-1] + step, zone)
     sentence = (
-        f"An open window, or something else that nobody measures, took away about {_energy(most_likely)} kWh in "
-        f"{days:.1f} days; 95 % between {_energy(low)} and {_energy(high)} kWh; "
+        f"An open window, or something else that nobody measures, took away about {_energy(most_likely)} kWh more "
+        f"than people brought meanwhile, in {days:.1f} days; 95 % between {_energy(low)} and {_energy(high)} kWh; "
         f"{part} of it from {begin} to {end}"
     )
     yield RoomAnswer("window", sentence, "kWh", most_likely, low, high)

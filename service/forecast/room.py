@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from functools import partial
-from math import ceil
+from math import ceil, floor
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -194,7 +194,8 @@ class Comfort(NamedTuple):
             if self.against_setpoint
             else f"no set-point is known, so comfortable is {BAND[0]:g} to {BAND[1]:g} °C"
         )
-        parts = [f"{verdict}: {cold:.0f} h too cold and {warm:.0f} h too warm of {all_hours:.0f} h"]
+        told = map(_whole, (cold, warm, all_hours))
+        parts = ["{}: {} h too cold and {} h too warm of {} h".format(verdict, *told)]
         if max(cold, warm) >= _TOLD:
             longest = _longest(past.times, past.step, self.warm if warm > cold else self.cold)
             begin, end = spoken_stretch(past.times[longest][0], past.times[longest][-1] + past.step, zone)
@@ -205,6 +206,11 @@ class Comfort(NamedTuple):
                 else f"longest too cold from {begin} to {end}, down to {low:.1f} °C"
             )
         return RoomAnswer("comfort", "; ".join([*parts, measure]), "h", cold + warm)
+
+
+def _whole(hours: float) -> int:
+    """As the page rounds them: half hours up."""
+    return floor(hours + 0.5)
 
 
 def _longest(times: Array, step: float, where: Mask) -> slice:
@@ -420,8 +426,8 @@ def _heat_answer(elsewhere: _Elsewhere, sun: Array, people: Array, metered: bool
     if not parts:
         return RoomAnswer("other_heat", "No heat besides the heating is known", "W", mean)
     if high > low:
-        together = "both together, " if len(parts) > 1 else ""
-        parts.append(f"{together}95 % between {low:.0f} and {high:.0f} W on average")
+        sure = f"95 % between {low:.0f} and {high:.0f} W on average"
+        parts.append(f"both together, {sure}" if len(parts) > 1 else sure)
     sentence = "; ".join(parts)
     return RoomAnswer("other_heat", sentence[0].upper() + sentence[1:], "W", mean, low, high)
 
@@ -501,13 +507,15 @@ def for_the_model(diagnosis: Diagnosis, trust: Trust) -> Iterator[ToDo]:
 
 
 def _against_cold(comfort: Comfort, past: Past, warming: float, heated: float) -> tuple[str, str]:
-    reason = f"it was too cold for {float(comfort.cold.sum()) * comfort.hours:.0f} h"
+    reason = f"it was too cold for {_whole(float(comfort.cold.sum()) * comfort.hours)} h"
     lost = likely_lost(past.gain) & (not often_lost(past.gain))
+    risen = comfort.cold & ~lost & _after_a_rise(past)
     if comfort.share(comfort.cold & lost) > comfort.share(comfort.cold) / 2.0:
         return "keep the windows shut while it is heated", f"{reason}; mostly while heat was lost that nobody measures"
-    if comfort.share(comfort.cold & ~lost & ~_after_a_rise(past)) <= RARE / 2.0:
+    if comfort.share(comfort.cold & ~lost & ~risen) <= RARE / 2.0:
         earlier = f"{warming:.1f} h earlier" if warming > 0.0 else "earlier"
-        return f"start heating {earlier}", f"{reason} after a setback"
+        hours = _whole(float(risen.sum()) * comfort.hours)
+        return f"start heating {earlier}", f"it was too cold for {hours} h after a setback"
     if heated > _FULL:
         return "have the heating looked at, or lower the set-point", f"{reason} at full heating"
     if comfort.against_setpoint:
@@ -516,15 +524,15 @@ def _against_cold(comfort: Comfort, past: Past, warming: float, heated: float) -
 
 
 def _against_warmth(comfort: Comfort, heated: float, cooled: float) -> tuple[str, str]:
-    hours = float(comfort.warm.sum()) * comfort.hours
+    hours = _whole(float(comfort.warm.sum()) * comfort.hours)
     if heated > _LITTLE:
-        reason = f"it was too warm for {hours:.0f} h while it was heated"
+        reason = f"it was too warm for {hours} h while it was heated"
         return "lower the heating or look for a valve that does not close", reason
     if cooled > _FULL:
-        return "shade the windows, or have the cooling looked at", f"it was too warm for {hours:.0f} h at full cooling"
+        return "shade the windows, or have the cooling looked at", f"it was too warm for {hours} h at full cooling"
     if cooled > 0.0:
-        return "look for what keeps the cooling from following the set-point", f"it was too warm for {hours:.0f} h"
-    return "shade the windows or air", f"it was too warm for {hours:.0f} h without much heating"
+        return "look for what keeps the cooling from following the set-point", f"it was too warm for {hours} h"
+    return "shade the windows or air", f"it was too warm for {hours} h without much heating"
 
 
 def _heated(network: Network, past: Past, standing: Standing, when: Mask) -> float:

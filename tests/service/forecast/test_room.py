@@ -106,6 +106,25 @@ def test_a_room_that_cools_down_over_the_first_night_or_a_weekend_is_not_too_war
     assert highest(month, 86_400.0).tolist() == [22.0] * 16 + [20.0] * 4
 
 
+def test_half_hours_are_rounded_as_the_page_rounds_them(worker):
+    told = np.full(len(TIMES), 21.0)
+    told[:5] = 17.0
+    past = PAST._replace(setpoint=np.full(len(TIMES), np.nan), temperature=told)
+    assert ": 3 h too cold and 0 h too warm" in answers(asked(worker, past))["comfort"].sentence
+
+
+def test_only_the_hours_after_a_setback_are_told_as_such(worker):
+    airing = slice(96, 102)
+    gain = np.full((len(TIMES), 3), np.nan)
+    gain[airing] = [-900.0, -500.0, -100.0]
+    cold = OUTPUTS[:, 0].copy()
+    cold[airing] = SETPOINTS[airing] - 2.0
+    room = asked(worker, PAST._replace(temperature=cold, gain=gain))
+    total = (cold < SETPOINTS - 0.5).sum() * PERIOD / 3600.0
+    (one,) = room.to_do
+    assert one.why == f"it was too cold for {int(total - 3.0 + 0.5)} h after a setback"
+
+
 def test_without_a_set_point_comfort_is_a_band(worker):
     no_one = PAST._replace(setpoint=np.full(len(TIMES), np.nan), temperature=np.full(len(TIMES), 23.0))
     comfort = answers(asked(worker, no_one))["comfort"]
