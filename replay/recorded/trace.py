@@ -13,6 +13,7 @@ from estimator.diagnosis.finding import Diagnosis
 from estimator.network.network import Network
 from estimator.verification.hindsight import SAMPLES
 from replay.localtime import DAY, HOUR, Seconds, wall_clock
+from service.config.fitting import power_entered
 from service.config.site import ZoneConfig
 from service.forecast.answers import LearnedLaw, Room
 from service.forecast.learned import learned_laws
@@ -126,7 +127,8 @@ def _room_of(worker: ZoneWorker, zone: ZoneConfig, trace: Trace) -> Room | None:
     times, y, setpoint, *gain = told.T
     past = Past(times, float(worker.period), y, setpoint, np.column_stack(gain), inputs[-len(rows) :])
     area = np.nan if zone.floor_area is None else zone.floor_area
-    return RoomQuestion(past, area, zone.whereabouts.time_zone)(worker, NO_WEATHER, lambda: False)
+    question = RoomQuestion(past, area, zone.whereabouts.time_zone, power_entered(zone))
+    return question(worker, NO_WEATHER, lambda: False)
 
 
 class _Issue(NamedTuple):

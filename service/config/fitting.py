@@ -110,7 +110,13 @@ def surroundings(config: Config, zone: ZoneConfig, outputs: Outputs | None = Non
             if channel.forecast is not None
         },
         floor_area=nan if zone.floor_area is None else zone.floor_area,
+        entered=power_entered(zone),
     )
+
+
+def power_entered(zone: ZoneConfig) -> bool:
+    """Whether the power of an input of `zone` at 100 % is entered, as of a valve."""
+    return any(zone.channels[name].nominal is not None for name in zone.network.inputs)
 
 
 def plannable(zone: ZoneConfig) -> dict[str, tuple[float, float]]:

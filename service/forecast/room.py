@@ -7,6 +7,7 @@ Sentences are parts that "; " joins, each of which the page and the report have 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from math import ceil, floor
@@ -103,12 +104,14 @@ class Past(NamedTuple):
 class RoomQuestion(NamedTuple):
     """Asks how a room did in `past` and what it is like.
 
-    `area` [m2] is that of its floor, NaN if nobody says it, and `zone` the IANA name of its time zone (None: UTC).
+    `area` [m2] is that of its floor, NaN if nobody says it, and `zone` the IANA name of its time zone (None: UTC);
+    `entered` is whether the power of its heating at full is not measured but entered, as for a valve.
     """
 
     past: Past
     area: float = float("nan")
     zone: str | None = None
+    entered: bool = False
 
     def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> Room | None:
         """The answers; None before the first sample."""
@@ -126,11 +129,13 @@ class RoomQuestion(NamedTuple):
         own = self.past.inputs * shares.medians
         answers = [
             comfort.answer(self.past, self.zone),
-            _loss_answer(loss, self.area, doubt, any(one.startswith(NEIGHBOUR) for one in _beside(worker.network))),
+            self._entered(
+                _loss_answer(loss, self.area, doubt, any(one.startswith(NEIGHBOUR) for one in _beside(worker.network)))
+            ),
             *(_pace(worker, standing) if metered else ()),
             *warming_up(self.past.step, self.past.temperature, self.past.setpoint, COLD),
             _heat_answer(elsewhere, sun, people, metered),
-            *_energy(worker, self.past, shares, loss, doubt),
+            *map(self._entered, _energy(worker, self.past, shares, loss, doubt)),
             *lost_heat(self.past.times, self.past.step, self.past.gain, self.zone),
             *last_day(worker, self.past.times, self.past.step, own, self.past.gain[:, 1]),
         ]
@@ -147,6 +152,12 @@ class RoomQuestion(NamedTuple):
             people=tuple(people.tolist()),
             to_do=tuple(sorted(told, key=lambda one: one.urgency)[:MOST]),
         )
+
+    def _entered(self, answer: RoomAnswer) -> RoomAnswer:
+        """`answer` in W or kWh, saying so where it hangs on a power that was entered."""
+        if not self.entered or not np.isfinite(answer.value):
+            return answer
+        return replace(answer, sentence=f"{answer.sentence}; as right as the power that was entered for the valve")
 
 
 class Comfort(NamedTuple):

@@ -95,6 +95,8 @@ class Surroundings(NamedTuple):
     """Inputs that a forecast of the weather foresees."""
     floor_area: float = float("nan")
     """m2; NaN where nobody says it."""
+    entered: bool = False
+    """Whether the power at 100 % of an input is entered, as of a valve."""
 
 
 NO_SURROUNDINGS = Surroundings()

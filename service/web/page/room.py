@@ -33,6 +33,7 @@ async def room(
     last = view.now().status.last_sample_time
     end = 0 if last is None else math.ceil(last + view.period)
     series = await view.series(end - days * _DAY, end, days * POINTS + 1)
-    question = RoomQuestion(Past.of(series), view.surroundings.floor_area, site.backend.time_zone)
+    about = view.surroundings
+    question = RoomQuestion(Past.of(series), about.floor_area, site.backend.time_zone, about.entered)
     found = await asked(view, question)
     return json_answer(told_in(language, document(found, site.id, view.id)))

@@ -45,6 +45,7 @@ def test_limits_are_those_of_valid_installed_and_nominal(tmp_path: Path) -> None
     living, bedroom = (surroundings(config, zone) for zone in config.zones)
     assert living.limits == {"T_i": (-60.0, 80.0), "T_out": (-20.0, 40.0), "u_heat": (-2500.0, 2500.0)}
     assert bedroom.limits["u_heat"] == (-1800.0, 1800.0)
+    assert (living.entered, bedroom.entered) == (False, True)
     assert bedroom.limits["I_sol"] == (-20.0, 2000.0)
 
 

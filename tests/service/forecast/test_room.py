@@ -145,6 +145,15 @@ def test_loss_energy_and_what_a_kelvin_less_would_have_saved(worker):
     assert saved.lower == pytest.approx(loss.lower * 24.0 * DAYS / 1000.0, rel=1e-6)
 
 
+def test_what_hangs_on_a_power_that_was_entered_says_so(worker):
+    told = {
+        about
+        for about, one in answers(asked(worker, entered=True)).items()
+        if "was entered for the valve" in one.sentence
+    }
+    assert told == {"heat_loss", "energy", "saving"}
+
+
 def test_a_room_that_is_only_cooled_is_told_of_its_cooling(worker):
     loss = answers(asked(worker))["heat_loss"].value
     cooled = PAST._replace(inputs=INPUTS * [1.0, -1.0], setpoint=np.full(len(TIMES), 10.0))
