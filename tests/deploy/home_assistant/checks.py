@@ -207,13 +207,14 @@ async def test_a_zone_is_pasted_and_the_daemon_takes_it(hass: HomeAssistant) -> 
 
 
 async def test_sentences_are_in_the_language_of_home_assistant(hass: HomeAssistant) -> None:
+    await connected(hass)
     hass.config.language = "de"
-    entry = await connected(hass)
-    await until(hass, lambda: known(hass, "advice"))
-    answers = hass.states.get("sensor.thermogate_living_advice").attributes["answers"]
-    assert "h zu kalt und" in answers[0]["sentence"]
-    streamed = coordinator(hass, entry).data["living"]
-    assert " ahead" not in json.dumps([streamed["trust"], streamed["status"]])
+    german = client_of(hass, DAEMON)
+    room = await german.ask("GET", "/zones/living/room", params=german.spoken)
+    assert "h zu kalt und" in room["answers"][0]["sentence"]
+    async with asyncio.timeout(60):
+        streamed = await anext(document async for topic, document in german.events("living") if topic == "trust")
+    assert " ahead" not in json.dumps(streamed)
 
 
 async def test_a_room_with_forecasts(hass: HomeAssistant) -> None:
