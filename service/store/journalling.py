@@ -23,7 +23,7 @@ from service.records.update import Update
 from service.store.checkpoint import Checkpoint, Checkpoints
 from service.store.database import Result
 from service.store.journal import PAGE, Journal
-from service.store.retention import Limits, prune
+from service.store.retention import FOREVER, Limits, Stable, prune
 from service.store.series import Buckets, history_page, inputs_page, joined, series_of
 
 _BETWEEN_SLICES = 0.02
@@ -62,6 +62,8 @@ class JournalStore(ABC):
         self._commit: asyncio.Task[Mapping[str, Fenced]] | None = None
         """That commit, while more can still join it."""
         self._committing = asyncio.Lock()
+        self.clock_is_stable: Callable[[], bool] = Stable()
+        """Whether times tell what is old."""
         self.known_size = 0
         """Bytes that the journal took when it was last looked through."""
 
@@ -185,7 +187,8 @@ class JournalStore(ABC):
         """Delete, for ever, what the journal holds beyond `limits`."""
         while True:
             try:
-                slices = prune(self.journal, self._oldest_checkpoint, limits)
+                aged = limits if self.clock_is_stable() else limits._replace(keep_history=FOREVER)
+                slices = prune(self.journal, self._oldest_checkpoint, aged)
                 while await self.run(next, slices, _DONE) is not _DONE:
                     await asyncio.sleep(_BETWEEN_SLICES)
                 self.known_size = await self.run(self.journal.database.size)

@@ -2,11 +2,14 @@
 
 Nothing is deleted that a start may need: the samples of a zone after its oldest checkpoint stay in any case.
 Age counts from a zone's newest sample, so that a recording of another year is not old by itself. After a leap in
-time, which is an outage or a clock that was set wrong, nothing counts as old until a day of samples has followed; and
-what goes at once is a week at most, which the log tells.
+time, which is an outage or a clock that was set wrong, nothing counts as old until a day of samples has followed, nor
+until a day has gone by since the clock of this machine was set; and what goes at once is a week at most, which the log
+tells.
 """
 
+import logging
 import math
+import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
@@ -25,10 +28,21 @@ STEADY_HOURS = 24
 MOST_AT_ONCE = 7 * DAY
 """How much of a zone's time is deleted for its age between two looks, in s."""
 
+SET = HOUR
+"""s by which the wall clock differs from one that nobody sets, where it was set."""
+
 _BEGIN = 0.95
 """From which part of the limit on there is shrinking, so that the limit itself is not reached between two looks."""
 
 _TOLD = 5
+
+_ALWAYS = 2**62
+"""Later than every sample."""
+
+FOREVER = float(_ALWAYS)
+"""A `keep_history` for which nothing is too old."""
+
+_log = logging.getLogger(__name__)
 
 Oldest = Callable[[str], int | None]
 
@@ -38,6 +52,28 @@ class Limits(NamedTuple):
 
     keep_history: float
     max_journal: float
+
+
+class Stable:
+    """Whether the clock of this machine has not been set for a day, as far as this process knows: a clock that is led
+    on in small steps would make a day of samples in minutes."""
+
+    def __init__(
+        self,
+        wall: Callable[[], float] = time.time,
+        steady: Callable[[], float] = lambda: time.clock_gettime(time.CLOCK_BOOTTIME),
+    ) -> None:
+        """`wall` and `steady` give UTC s, and s on a clock that is never set and goes on while the machine sleeps."""
+        self._wall, self._steady = wall, steady
+        self._beside, self._until = wall() - steady(), -math.inf
+
+    def __call__(self) -> bool:
+        now = self._steady()
+        moved = self._wall() - now - self._beside
+        if abs(moved) > SET:
+            self._beside, self._until = self._beside + moved, now + DAY
+            _log.warning("the clock was set by %+.0f s: for a day no history is deleted for its age", moved)
+        return now >= self._until
 
 
 def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterator[None]:
@@ -89,10 +125,6 @@ def _is_steady(journal: Journal, zone: str, newest: int) -> bool:
             return False
         time = earlier
     return True
-
-
-_ALWAYS = 2**62
-"""Later than every sample."""
 
 
 def _first(journal: Journal, table: str, zone: str) -> int:

@@ -16,7 +16,7 @@ from service.errors import CheckpointError
 from service.store.checkpoint import Checkpoint
 from service.store.journal import Journal
 from service.store.postgres.database import PostgresDatabase
-from service.store.retention import Limits, prune
+from service.store.retention import Limits, Stable, prune
 from service.store.store import JOURNAL, Store
 
 STEP = 300
@@ -101,6 +101,38 @@ def test_a_clock_that_leaps_ahead_deletes_nothing(either: Journal) -> None:
     for _ in range(2):
         pruned(either, Limits(100 * STEP, FOREVER), oldest_checkpoint=10_000_000)
     assert steps_of(either, "living")[0][0] == (ahead - FIRST) // STEP + 294 - 100, "that was a day of samples"
+
+
+async def test_a_clock_that_is_led_on_step_by_step_deletes_nothing_before_a_day_has_gone_by(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A forged time server sets it by half an hour a minute: a day of samples comes in an hour."""
+    store, wall, steady = Store(tmp_path), [FIRST + 1e6], [0.0]
+    store.prune_seconds, store.clock_is_stable = 0.0, Stable(lambda: wall[0], lambda: steady[0])
+    fill(store.journal, "living", 100)
+    store.checkpoints.save("living", Checkpoint("f", FIRST + 1000 * STEP, {}, {}))
+
+    async def looked_through(seconds: float, set_by: float) -> int:
+        """The oldest sample, once the journal was looked through `seconds` after its clock was `set_by` s."""
+        steady[0] += seconds
+        wall[0] += seconds + set_by
+        store.known_size = 0
+        keeping = asyncio.create_task(store.keep_within(Limits(10.0 * 3600, FOREVER)))
+        async with asyncio.timeout(PATIENCE):
+            while not store.known_size:
+                await asyncio.sleep(0.01)
+        keeping.cancel()
+        return (await store.run(steps_of, store.journal, "living"))[0][0]
+
+    for _ in range(2):
+        # Each is too little, and both together are not.
+        assert await looked_through(60.0, 2000.0) == 0
+    await store.run(fill, store.journal, "living", 60, FIRST + 100 * STEP, 1800)
+    assert await looked_through(60.0, 0.0) == 0
+    assert await looked_through(DAY - 100.0, 0.0) == 0
+    assert await looked_through(60.0, 0.0) > 0
+    assert caplog.text.count("for a day no history is deleted for its age") == 1
+    store.close()
 
 
 def test_without_checkpoints_the_history_still_goes(either: Journal) -> None:
