@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,9 @@ from service.errors import ConfigError
 from service.publish.kinds import SINK_KINDS
 from service.zone.aggregation import default_aggregate
 from service.zone.alignment import SETPOINT, unit_of
+
+MOST_LEVELS = 50
+"""Tables and lists in each other that are looked into; no key takes as many."""
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Config:
@@ -166,7 +170,11 @@ def load_sources(path: Path, overrides: Sequence[str] = ()) -> dict[str, SourceC
 def _parsed(path: Path) -> dict[str, Any]:
     try:
         # A byte-order mark is what Windows editors put at the beginning.
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        document = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        if _is_deep(document):
+            # As a list in a list without end; the key of a table may have as many parts.
+            raise RecursionError
+        return document
     except OSError as error:
         reason = "it is a folder" if isinstance(error, IsADirectoryError) else (error.strerror or str(error)).lower()
         raise ConfigError([f"{path}: cannot be read ({reason}); give the path of a configuration file"]) from None
@@ -392,3 +400,12 @@ def _filled(channel: ChannelConfig, unit: str) -> ChannelConfig:
     if "aggregate" not in channel.model_fields_set:
         defaults["aggregate"] = default_aggregate(unit, channel.unit)
     return channel.model_copy(update=defaults)
+
+
+def _is_deep(document: object) -> bool:
+    """Whether there is a value below more than MOST_LEVELS tables and lists."""
+    found = [document]
+    for _ in range(MOST_LEVELS):
+        inner = ((one.values() if isinstance(one, dict) else one) for one in found if isinstance(one, dict | list))
+        found = list(chain.from_iterable(inner))
+    return bool(found)

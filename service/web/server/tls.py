@@ -113,7 +113,10 @@ def _context(certificate: Path, private_key: Path, client_ca: Path | None) -> ss
 
 def _read(setting: str, path: Path, parse: Callable[[bytes], Content]) -> Content:
     try:
-        return parse(path.read_bytes())
+        # The event loop would wait for a pipe for ever.
+        if stat.S_ISREG(path.stat().st_mode):
+            return parse(path.read_bytes())
+        sentence = "is a folder, a pipe or a device; give a file"
     except OSError as error:
         sentence = f"cannot be read ({error.strerror}); give a file that the daemon's account can read"
     except TypeError:

@@ -1,6 +1,7 @@
 """The certificate of the server: what is refused, and what becomes of a renewed one."""
 
 import logging
+import os
 import ssl
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -47,7 +48,10 @@ def test_mistakes_in_one_sentence(tmp_path: Path) -> None:
     assert "good.pem is not what is needed here" in refusal(good._replace(private_key=good.certificate))
     assert "other.key does not belong to the first certificate" in refusal(good._replace(private_key=other.private_key))
     assert "is encrypted, and there is nobody to ask" in refusal(locked)
-    for authority in (missing, empty):
+    os.mkfifo(tmp_path / "pipe")
+    for setting in ("certificate", "private_key"):
+        assert "is a folder, a pipe or a device" in refusal(good._replace(**{setting: tmp_path / "pipe"}))
+    for authority in (missing, empty, tmp_path / "pipe"):
         assert refusal(good, authority).startswith("http.client_ca: ")
     other.private_key.chmod(0o604)
     assert "every account of this machine" in refusal(other)
