@@ -117,8 +117,8 @@ audit:  ## every pinned dependency against the database of known vulnerabilities
 soak: $(VENV)/.ready  ## 96 simulated hours of the real daemon with restless clients and faults: memory, descriptors, disk; SOAK='--hours 720' changes it
 	$(BIN)/python tests/integration/soak.py --out var/soak.json $(SOAK)
 
-attack: $(VENV)/.ready  ## every known attack on a live daemon, and a table of what each cost; seven minutes
-	$(BIN)/python tests/attack/run.py
+attack: $(VENV)/.ready  ## every known attack on a live daemon, and a table of what each cost; eight minutes; ATTACK=--tls goes over TLS
+	$(BIN)/python tests/attack/run.py $(ATTACK)
 
 fuzz: $(VENV)/.kernels $(VENV)/.kernels-of-tests  ## a million inputs for everything that reads what others write; FUZZ_TIMES=15 takes a tenth of the time
 	FUZZ_TIMES=$(FUZZ_TIMES) $(BIN)/python -m pytest -n $(JOBS) tests/fuzz

@@ -1,6 +1,6 @@
 """Every attack on a live daemon, and a table of what it cost: `make attack`.
 
-    python tests/attack/run.py [--only WORD ...]
+    python tests/attack/run.py [--tls] [--only WORD ...]
 
 The daemon reads a Modbus device, a sample a second, and has no keys. Judged are: no answer of /healthz takes longer
 than HEALTH_SECONDS in 99 of 100 cases under sixty connections of tiny chunks; no client holds the event loop for more
@@ -22,8 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from attack import telemetry, web
-from attack.victim import HOLD_SECONDS, MEMORY_MB, Target, Victim
-from support.harness import Daemon
+from attack.victim import HOLD_SECONDS, MEMORY_MB, Target, Victim, served, use_tls
 from support.modbus_plant import WORDS, configuration, plant, running
 
 HEALTH_SECONDS = 0.1
@@ -33,17 +32,21 @@ def main() -> int:
     """Run the attacks and print the table; 1 if anything gave way."""
     parser = argparse.ArgumentParser(description="Attack a live daemon.")
     parser.add_argument("--only", nargs="*", default=[""], metavar="WORD", help="attacks whose names contain a word")
-    only = parser.parse_args().only
+    parser.add_argument("--tls", action="store_true", help="over TLS")
+    options = parser.parse_args()
     attacks = {name: partial(on_device, attack=attack) for name, attack in web.ATTACKS.items()} | telemetry.ATTACKS
     costs = ("s", 5), ("wait s", 6), ("p99 ms", 7), ("max ms", 7), ("503", 3), ("holds", 5), ("MB", 6), ("lost", 4)
     print(f"processors {os.cpu_count()}, load {os.getloadavg()[0]:.1f}")
     print(f"{'attack':40}", *(f"{cost:>{width}}" for cost, width in costs), " seen")
     failed = 0
-    for name, prepared in attacks.items():
-        if any(word in name for word in only):
-            # Each on a daemon of its own.
-            with TemporaryDirectory(prefix="thermogate-attack-") as folder, prepared(Path(folder)) as (victim, attack):
-                failed += gave_way(name, victim, attack)
+    with TemporaryDirectory(prefix="thermogate-attack-") as certificates:
+        if options.tls:
+            use_tls(Path(certificates))
+        for name, prepared in attacks.items():
+            if any(word in name for word in options.only):
+                # Each on a daemon of its own.
+                with TemporaryDirectory(prefix="thermogate-attack-") as own, prepared(Path(own)) as (victim, attack):
+                    failed += gave_way(name, victim, attack)
     print(f"{failed} gave way")
     return 1 if failed else 0
 
@@ -54,7 +57,7 @@ def on_device(folder: Path, attack: Callable[[Target], str]) -> Iterator[tuple[V
     web.BEFORE.get(attack, lambda folder: None)(folder)
     with (
         running(plant(holding=WORDS)) as site,
-        Daemon(configuration(folder, {"one": site.port}), folder / "log") as daemon,
+        served(configuration(folder, {"one": site.port}), folder) as daemon,
     ):
         daemon.wait(lambda zones: zones["zone-one"]["samples"] >= 5)
         # The kernels of a forecast over many steps are compiled.

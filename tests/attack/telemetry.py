@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from attack.victim import Target, Victim, hammered
+from attack.victim import Target, Victim, hammered, served
 from support import sites
 from support.broker import Party, broker
 from support.harness import Daemon
@@ -96,7 +96,7 @@ def on_mqtt(folder: Path) -> Iterator[tuple[Victim, Callable[[Target], str]]]:
     """A daemon on a broker, and the flood of one topic there."""
     with broker(folder) as site, Party(site.port) as party, _telling(party.put):
         source = {"kind": "mqtt", "host": "127.0.0.1", "port": site.port}
-        with Daemon(_on_bus(folder, source, "topic"), folder / "log") as daemon:
+        with served(_on_bus(folder, source, "topic"), folder) as daemon:
             daemon.wait(_begun)
             yield Victim(daemon, "honest"), lambda target: _flooded(daemon, _mqtt_flood, str(site.port))
 
@@ -106,7 +106,7 @@ def on_zenoh(folder: Path) -> Iterator[tuple[Victim, Callable[[Target], str]]]:
     """A daemon that a publisher on Zenoh connects to, and the flood of one key there."""
     place = endpoint()
     source = {"kind": "zenoh", "mode": "peer", "listen": [place], "writers": ["*"]}
-    with Daemon(_on_bus(folder, source, "key"), folder / "log") as daemon:
+    with served(_on_bus(folder, source, "key"), folder) as daemon:
         daemon.url()
         with opened({"mode": "client", "connect/endpoints": [place]}) as session, _telling(session.put):
             daemon.wait(_begun)
@@ -157,9 +157,9 @@ def _posted(
         assert seen.keys() <= {200}, f"the honest client saw {dict(seen)}"
         return f"{note}; the honest client saw {dict(seen)}"
 
-    with Daemon(config, folder / "log") as daemon:
+    with served(config, folder) as daemon:
         daemon.key = create_key(keys, "reader", "read")
-        target = Target(int(daemon.url().rpartition(":")[2]))
+        target = Target.of(daemon)
         with repeated(tell):
             daemon.wait(_begun)
             yield Victim(daemon, "honest"), attacked

@@ -3,16 +3,20 @@
 import itertools
 import math
 import multiprocessing
+import os
 import re
 import socket
+import ssl
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence, Set
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import NamedTuple
 
+from support.certificates import make_pair
 from support.harness import Daemon
 from support.observed import DELAY, scrape
 
@@ -23,6 +27,22 @@ JSON = "application/json"
 
 MEMORY_MB = 100.0
 """What any one client may take beyond what the daemon has at rest."""
+
+
+TLS: dict[str, object] = {}
+"""Settings that daemons are served with over TLS; none in the clear."""
+
+
+def use_tls(folder: Path) -> None:
+    """Serve daemons over TLS from now on, with a certificate in `folder` that this process trusts."""
+    pair = make_pair(folder)
+    TLS.update({"http.certificate": str(pair.certificate), "http.private_key": str(pair.private_key)})
+    os.environ["SSL_CERT_FILE"] = str(pair.certificate)
+
+
+def served(config: Path, folder: Path) -> Daemon:
+    """The daemon of `config`, whose log is in `folder`."""
+    return Daemon(config, folder / "log", TLS)
 
 
 class Answer(NamedTuple):
@@ -40,19 +60,23 @@ class Target(NamedTuple):
     key: str | None = None
     """An API key to read with."""
 
+    @classmethod
+    def of(cls, daemon: Daemon) -> "Target":
+        """Where `daemon` listens."""
+        return cls(int(daemon.url().rpartition(":")[2]), daemon.key)
+
     def connect(self, timeout: float = 30.0) -> socket.socket:
-        return socket.create_connection(("127.0.0.1", self.port), timeout)
+        connection = socket.create_connection(("127.0.0.1", self.port), timeout)
+        return ssl.create_default_context().wrap_socket(connection, server_hostname="localhost") if TLS else connection
 
     def ask(self, request: bytes, timeout: float = 60.0) -> Answer:
         """The answer to `request` on a connection of its own, which the request should ask to close."""
-        with self.connect(timeout) as connection:
+        content = b""
+        # What is refused or cut off is an answer without a status.
+        with suppress(OSError), self.connect(timeout) as connection:
             connection.sendall(request)
-            content = b""
-            try:
-                while piece := connection.recv(2**16):
-                    content += piece
-            except OSError:
-                pass
+            while piece := connection.recv(2**16):
+                content += piece
         head, _, body = content.partition(b"\r\n\r\n")
         found = re.match(rb"HTTP/1.1 (\d{3})", head)
         return Answer(int(found[1]) if found else 0, head.decode("latin-1"), body)
@@ -147,7 +171,7 @@ class Victim:
 
     def __init__(self, daemon: Daemon, zone: str) -> None:
         self.daemon, self._zone = daemon, zone
-        self.target = Target(int(daemon.url().rpartition(":")[2]), daemon.key)
+        self.target = Target.of(daemon)
         self.rest = self._memory("VmRSS")
 
     def under(self, attack: Callable[[Target], str]) -> tuple[str, Cost]:
