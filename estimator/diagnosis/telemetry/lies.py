@@ -38,8 +38,8 @@ EVERY = 3600
 _RECENT = 48 * HOUR
 """s that do not belong to the reference: what is found later than that was taken for true meanwhile."""
 
-_LEAST = 6.0
-"""Days of reference before anything is suspected: less has seen too little of what the room does."""
+_LEAST = 7.0
+"""Days of reference before anything is suspected: a week, of whose days none is like another."""
 
 _LEAST_JUMP = 1.0
 """K."""
@@ -59,6 +59,8 @@ _HEATED, _LEAST_HEATED = 0.02, 6.0
 _SURE = {UNIT_CHANGED: 4.0, METER_LATE: 25.0, METER_DEAD: 8.0}
 """Log-likelihood ratio from which something is suspected, and _ABOVE times what has gathered in the reference."""
 _ABOVE = 1.5
+_STANDING = 0.5
+"""Of both, the share down to which a suspicion stands: what wavers about its limit would come and go."""
 _NEVER = 1e3
 _SPREAD = np.linspace(0.05, 0.95, 10)
 """Quantiles of the usual heat, which stand for what a dead meter does not tell."""
@@ -108,6 +110,8 @@ class Look(NamedTuple):
     """How the room answered its inputs in the reference; None where it is too short."""
     setpoints: Array
     """(m + k,): what the thermostat was set to [degC]; NaN where nobody told."""
+    stood: frozenset[tuple[str, int]]
+    """Name and channel of what was suspected before."""
 
     def slots(self, hours: float) -> int:
         """Slots in so many hours, at least one."""
@@ -139,12 +143,12 @@ def looked(
         return ()
     of = kinds(network)
     told = setpoints(memory, begins(recent, time))
-    look = Look(of, step, rows[:split], rows[split:], response(rows, split, of), told)
+    since = {(one.name, one.column): one.since for one in before}
+    look = Look(of, step, rows[:split], rows[split:], response(rows, split, of), told, frozenset(since))
     found = {(name, column): hours for test in _TESTS for name, column, hours in test(look)}
     # Channels that have changed places are no other riddle.
     if any(name == CHANNELS_SWAPPED for name, _ in found):
         found = {key: hours for key, hours in found.items() if key[0] == CHANNELS_SWAPPED}
-    since = {(one.name, one.column): one.since for one in before}
     return tuple(
         Suspicion(name, column, since.get((name, column), time - hours * HOUR))
         for (name, column), hours in found.items()
@@ -229,7 +233,9 @@ def _jumps(look: Look, column: int) -> tuple[list[_Jump], int]:
     for place in standing:
         before = _middle(look.new[max(place - look.slots(0.5), 0) : place + 1, column])
         after = _middle(look.new[place + 1 : place + 1 + look.slots(0.5), column])
-        if abs(after - before) > 0.6 * abs(steps[place]):
+        # A window cools a room by and by; a sensor tells another level from one slot to the next.
+        sudden = abs(steps[place]) > _SUDDEN * abs(after - before)
+        if sudden and abs(after - before) > 0.6 * abs(steps[place]):
             found.append(_Jump(place, before, after))
     return found, spikes
 
@@ -352,7 +358,7 @@ def _misread(look: Look) -> Found:
             # No noise of a heater that is off, and no first heat after a summer of noise, is like the usual heat.
             like = (np.abs(other) >= least) & (np.abs(other) <= 1.5 * highest)
             values = np.where(like, other, told) if name == UNIT_CHANGED else other
-            if (hours := _evident(look, partial(_instead, found, unseen, column, values), _SURE[name])) is not None:
+            if (hours := _evident(look, partial(_instead, found, unseen, column, values), name, column)) is not None:
                 yield name, column, hours
         quiet, heated = np.abs(told) <= _HEATED * highest, told > _HEATED * highest
         if not quiet[-1]:
@@ -360,7 +366,7 @@ def _misread(look: Look) -> Found:
         # A room that is warmer than it was ever heated to needs no heat.
         room = found.rows[:, 0]
         idle = room > _highest(room[: found.known][heated[: found.known]])
-        hours = _evident(look, partial(_silently, found, unseen | idle, column, quiet), _SURE[METER_DEAD])
+        hours = _evident(look, partial(_silently, found, unseen | idle, column, quiet), METER_DEAD, column)
         silent, warming = float(_quiet(look, column)[-1]), look.slots(_WARMING)
         if hours is None and silent > _WARMING:
             warmer = _means(np.where(idle, np.nan, found.errors), warming)
@@ -418,15 +424,17 @@ def _highest(values: Array) -> float:
     return float(np.nanmax(values, initial=0.0))
 
 
-def _evident(look: Look, ratios: Callable[[int], Array], sure: float) -> float | None:
-    """For how many hours the log-likelihood `ratios`, from any of n slots on, have spoken against what is told; None
-    where they do not, or not more than is usual in the reference."""
+def _evident(look: Look, ratios: Callable[[int], Array], name: str, column: int) -> float | None:
+    """For how many hours the log-likelihood `ratios`, from any of n slots on, have spoken for a suspicion; None where
+    they do not, or not more than is usual in the reference."""
     day, split = look.slots(24.0), len(look.past)
+    share = _STANDING if (name, column) in look.stood else 1.0
+    sure, above = share * _SURE[name], share * _ABOVE
     # The last day speaks for itself in nearly every look: all of the fortnight then need not be heard.
     if not gathered(ratios(max(split + len(look.new) - day, 0)), day)[-1] > sure:
         return None
     evidence = gathered(ratios(0), day)
-    if not evidence[-1] > max(sure, _ABOVE * evidence[:split].max()):
+    if not evidence[-1] > max(sure, above * evidence[:split].max()):
         return None
     begun = np.flatnonzero(evidence == 0.0)
     return float(len(evidence) - 1 - begun[-1] if len(begun) else day) * look.step

@@ -117,7 +117,7 @@ def watch(run: Watch) -> Arrays:
                 now = {(one.name, one.column) for one in stood}
                 alarms, stood_before = alarms + len(now - stood_before), now
         # Nothing is suspected before there is a reference.
-        return {"alarms": np.array(alarms), "days": np.array(len(run.rows) * (run.rows.shape[1] / DAY - 8.0))}
+        return {"alarms": np.array(alarms), "days": np.array(len(run.rows) * (run.rows.shape[1] / DAY - 9.0))}
     lie = LIES[run.lie]
     found, named = [], []
     for rows in run.rows:

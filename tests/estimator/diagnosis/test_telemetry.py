@@ -15,6 +15,7 @@ from estimator.diagnosis.finding import (
     UNIT_CHANGED,
     Finding,
 )
+from estimator.diagnosis.telemetry import lies
 from estimator.diagnosis.telemetry.lies import Suspicion, among, looked
 from estimator.diagnosis.telemetry.recent import nothing_recent, with_measured
 from estimator.network.presets import network
@@ -104,6 +105,24 @@ def test_a_party_before_the_set_point_is_raised_is_no_jump():
     told, begin = warmer_from_day_10(), CLEAN + 18 * 6
     told[begin : begin + 24, 0] += np.interp(np.arange(24), [0, 2, 12, 23], [1.1, 3.3, 3.3, 0.0])
     assert SENSOR_JUMPED not in {one.name for _, stood in watched(told, CLEAN) for one in stood}
+
+
+def test_a_window_that_cools_the_room_by_and_by_is_no_jump(rows):
+    told, begin = rows[: CLEAN + DAY].copy(), CLEAN + 3 * 6
+    told[begin : begin + 48, 0] -= np.interp(np.arange(48), [0, 2, 36, 47], [1.4, 3.6, 3.6, 0.0])
+    assert SENSOR_JUMPED not in {one.name for _, stood in watched(told, CLEAN) for one in stood}
+
+
+@pytest.mark.parametrize(
+    ("gathered", "found", "stands"), [(30.0, True, True), (15.0, False, True), (10.0, False, False)]
+)
+def test_a_suspicion_that_wavers_about_its_limit_does_not_come_and_go(gathered, found, stands):
+    past, new = np.zeros((DAY, 3)), np.zeros((6, 3))
+    look = lies.Look(lies.kinds(NETWORK), 1 / 6, past, new, None, np.full(DAY + 6, np.nan), frozenset())
+    ratios = np.repeat([-1.0, gathered / 6], [DAY, 6])
+    for stood, told in ((), found), ([(METER_LATE, 2)], stands):
+        hours = lies._evident(look._replace(stood=frozenset(stood)), lambda begin: ratios[begin:], METER_LATE, 2)
+        assert hours == (pytest.approx(1.0) if told else None)
 
 
 @pytest.mark.parametrize("off", [slice(CLEAN, CLEAN + LYING), slice(0, CLEAN)], ids=["off", "on again"])
