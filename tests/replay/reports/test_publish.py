@@ -198,6 +198,7 @@ def test_a_report_in_german_leaves_no_sentence_in_english(replayed, tmp_path, ca
     left = {one for one, other in both if one == other and re.search("[a-z]{2} [a-z]{2}", one)}
     assert left == {"`parameter-at-bound`: a sentence that nobody knows."}
     assert "median" in german, "a room may be called so"
+    assert "Menschen und Geräte" in german
     assert any(text.startswith("`parameter-at-bound`: C_i liegt an der unteren Grenze von 1e5 J/K") for text in german)
     assert not any(re.search(r"\d\.\d", text) for text in german), "a German decimal is a comma"
     assert sayer("de", {"EG 1.02"})("EG 1.02 `sd = 0.5` 1.5e6") == "EG 1.02 `sd = 0.5` 1,5e6", (
