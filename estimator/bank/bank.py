@@ -57,6 +57,10 @@ _LOST = 6
 _UNDER_PLANS = 0.2
 """What of the evidence about members, which is all of the heat that followed, counts under other heat."""
 
+_KNOWING = 0.6
+"""Share of what is told of the building, at least, of members that know sun and habits: to the others, where people
+live, the building changes from day to day."""
+
 _COMPARED_AHEAD = 6 * HOUR
 """s: where a network shows, long enough for its slow paths and short enough to be learned in days."""
 
@@ -109,7 +113,7 @@ class Bank:
         """(E,): whose physics is asked what a plan of heating would do, and is told of the building."""
         knowing = self.plans & np.array([bool(member.network.terms) for member in self.members])
         self._knowing = knowing if knowing.any() else self.plans
-        """(E,): who of them tells of sun and habits."""
+        """(E,): who of them knows sun and habits, where anyone does."""
         self.blocks = self.members[self._voice].blocks
         self._hindsight = Hindsight(self.network, self.members, period)
         self._columns = [self.network.columns(member.network) for member in self.members]
@@ -198,7 +202,8 @@ class Bank:
         )
 
     def parameters(self, state: BankState, levels: Array) -> ParameterSummary:
-        """Quantiles over draws from all members that `plans` names, each with the weight that it has a few hours ahead.
+        """Quantiles over draws from all members that `plans` names, each with the weight that it has a few hours ahead;
+        those that know sun and habits have _KNOWING together, if not more.
 
         Of a member with another network than the bank's, only the parameters that both have count. Its time constants
         count if it has as many nodes as the bank's network, for those of more nodes are others; where no member has as
@@ -232,11 +237,12 @@ class Bank:
     def _drawn(self, state: BankState) -> Iterator[_Drawn]:
         """Draws from every member that `plans` names and that counts."""
         weights = self._weights(state)
-        now = weights[:, self.compared]
-        # Whatever it weighs: nobody else tells of sun and habits.
-        told = {self._most_trusted(weights), self._most_trusted(weights, self._knowing)}
+        now, best = np.where(self.plans, weights[:, self.compared], 0.0), self._most_trusted(weights)
+        knowing, others = now[self._knowing].sum(), now[~self._knowing].sum()
+        if 0.0 < knowing * (1.0 - _KNOWING) < others * _KNOWING and not state.lost[self._knowing].all():
+            now = np.where(self._knowing, now * (others * _KNOWING / (knowing * (1.0 - _KNOWING))), now)
         for place, (member, own) in enumerate(zip(self.members, state.members, strict=True)):
-            if self.plans[place] and (now[place] >= _NEGLIGIBLE or place in told):
+            if self.plans[place] and (now[place] >= _NEGLIGIBLE or place == best):
                 drawn = member.draws(own, _DRAWS)
                 assert drawn is not None
                 matrices = assemble(member.network, drawn.theta)
@@ -285,8 +291,7 @@ class Bank:
         return mixed_futures(futures, shares, np.exp(scales), reaches)
 
     def draws(self, state: BankState, count: int) -> ModelDraws | None:
-        """Those of the member that `plans` names and that is trusted most a few hours ahead; None where no member has
-        physics."""
+        """Those of the member of `_knowing` that is trusted most a few hours ahead; None where nobody has physics."""
         now = self._weights(state)
         best = self._most_trusted(now)
         drawn = self.members[best].draws(state.members[best], count)
@@ -451,8 +456,8 @@ class Bank:
         return disturbance
 
     def _most_trusted(self, now: Array, among: Array | None = None) -> int:
-        """The member `among` (E,), or that `plans` names, that is trusted most a few hours ahead."""
-        fit = np.flatnonzero(self.plans if among is None else among).tolist()
+        """The member `among` (E,), or of `_knowing`, that is trusted most a few hours ahead."""
+        fit = np.flatnonzero(self._knowing if among is None else among).tolist()
         return max(fit or range(len(self.members)), key=lambda place: now[place, self.compared])
 
 

@@ -437,6 +437,16 @@ def test_sun_and_habits_are_told_whatever_the_member_weighs_that_knows_them() ->
     summary = bank.parameters(state, np.array([0.025, 0.5, 0.975]))
     assert summary.coefficients.shape == (16, 3)
     assert 100.0 < summary.coefficients[0, 1] < 300.0
+    # And of the building for the most part, unless it cannot explain the samples.
+    shares = np.array([each.weights.sum() for each in bank._drawn(state)])
+    np.testing.assert_allclose(shares / shares.sum(), [0.6, 0.4])
+    learned = bank.update(state, np.array([20.1]))
+    alone = bank.members[0].update(state.members[0], np.array([20.1]))
+    np.testing.assert_array_equal(learned.parameters, alone.parameters)
+    assert bank.draws(state, 8).member == "knowing"
+    lost = state._replace(lost=np.array([1.0, 0.0]))
+    shares = np.array([each.weights.sum() for each in bank._drawn(lost)])
+    assert shares[0] / shares.sum() < 1e-6
 
 
 def test_unmeasured_heat_is_told_with_that_of_habits_by_a_member_that_plans_names() -> None:
