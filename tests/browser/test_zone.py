@@ -111,10 +111,13 @@ def test_a_start_that_is_not_as_sure_as_asked_says_why(serve: Any, visit: Any, s
 
 def test_a_room_is_headed_by_its_temperature_and_set_point(serve: Any, visit: Any) -> None:
     zone = running("living", 300)
-    zone.updates[-1] = zone.updates[-1]._replace(y=(20.44,), setpoint=21.5)
+    last = zone.updates[-1]._replace(y=(20.44,), setpoint=21.5)
+    inputs = tuple(replace(one, value=0.2241) for one in last.forecast.inputs)
+    zone.updates[-1] = last._replace(forecast=last.forecast._replace(inputs=inputs))
     house = serve({"living": zone})
     page = opened(visit, house).page
     page.wait_for_selector(".zone-head >> text=now 20.4 °C, set to 21.5 °C")
+    page.wait_for_selector("text=/^0.2 °C$/")
     house.step("living")
     eventually(page, "!document.querySelector('.now').textContent.includes('set to')")
 

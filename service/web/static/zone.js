@@ -108,7 +108,7 @@ export function showZone(place, frame, id) {
       [t("zone.next"), interval ? `${celsius(forecast.mean, 2)} (${number(interval.lower, 2)} … ${number(interval.upper, 2)})` : "–"],
       [t("zone.trust"), trust.length ? trust.join(", ") : "–"],
       [t("zone.gain"), gain && gain.median !== null ? t("zone.gain_value", { value: amount(gain.median, 2), low: amount(gain.lower, 2), high: amount(gain.upper, 2) }) : t("zone.gain_unknown")],
-      ...(forecast?.inputs ?? []).map((one) => [channelText(one.channel), `${amount(one.value)} ${unitText(one.unit)}${one.held ? ` (${t("zone.held", { age: duration(one.age_s) })})` : ""}`]),
+      ...(forecast?.inputs ?? []).map((one) => [channelText(one.channel), `${one.unit === "degC" ? celsius(one.value) : `${amount(one.value)} ${unitText(one.unit)}`}${one.held ? ` (${t("zone.held", { age: duration(one.age_s) })})` : ""}`]),
     ]);
     fill(expertFigures, [
       [t("expert.network"), zone.network],
