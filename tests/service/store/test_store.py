@@ -32,11 +32,11 @@ async def test_a_failed_commit_is_told_to_everyone_in_it_and_the_next_one_works(
 ) -> None:
     commits, real = list[int](), store.journal.append_all
 
-    def append_all(accepted: Any) -> int:
+    def append_all(accepted: Any, readings: Any) -> int:
         commits.append(len(accepted))
         if len(commits) == 1:
             raise JournalError("the journal failed (disk full); free space on its disk")
-        return real(accepted)
+        return real(accepted, readings)
 
     monkeypatch.setattr(store.journal, "append_all", append_all)
     first = await asyncio.gather(*(store.append(zone, sample(0)) for zone in "abc"), return_exceptions=True)
