@@ -370,10 +370,12 @@ class MKF(OneState):
 
     def _disturbance(self, state: MKFState, weights: Array, drive: Array) -> Disturbance:
         noise = np.exp(np.array([weighted_quantiles(row, weights, LEVELS) for row in state.log_noise]))
-        gain, on = self._gain(state, weights)
+        on = float((weights * state.gain_on[0]).sum()) if self._model.gains else float("nan")
         habits = self._model.habits
         if habits.any():
             gain = self._with_habits(state, weights, np.where(habits, drive[len(self.network.inputs) :], 0.0))
+        else:
+            gain = self._gain(state, weights, on)
         return Disturbance(gain, on, noise)
 
     def _with_habits(self, state: MKFState, weights: Array, known: Array) -> Array:
@@ -390,12 +392,11 @@ class MKF(OneState):
         sds = np.sqrt(np.maximum(variances, _OFF_SD**2))
         return Mixture(weights, np.array([means]), np.array([sds])).quantiles(LEVELS, 0)
 
-    def _gain(self, state: MKFState, weights: Array) -> tuple[Array, float]:
-        """Quantiles (3,) of the gain [W], which is 0 for certain where it is off, and the probability that it is on."""
+    def _gain(self, state: MKFState, weights: Array, on: float) -> Array:
+        """Quantiles (3,) of the gain [W], which is `on` with this probability, and 0 for certain where it is off."""
         if not self._model.gains:
-            return np.full(len(LEVELS), np.nan), float("nan")
+            return np.full(len(LEVELS), np.nan)
         shares = weights * state.gain_on[0]
-        on = float(shares.sum())
         quantiles = np.zeros(len(LEVELS))
         if on > 0.0:
             at, there = self._model.states, np.flatnonzero(shares)
@@ -409,7 +410,7 @@ class MKF(OneState):
                 mixture = Mixture(shares / on, means[None], sds[None])
                 levels = np.where(begin, LEVELS, above)[elsewhere] / on
                 quantiles[elsewhere] = mixture.quantiles(levels, 0)
-        return WATTS * quantiles, on
+        return WATTS * quantiles
 
     def _regime(self, cdf: list[float]) -> str | None:
         return regime(max(cdf), self.options) if cdf else None

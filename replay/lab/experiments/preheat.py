@@ -10,17 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Array
-from replay.energyplus.buildings import building_named
-from replay.energyplus.library import library
 from replay.energyplus.plant import STEP
-from replay.errors import ReplayError
-from replay.experiments.jobs import Arrays, Job
+from replay.experiments.jobs import Arrays
 from replay.experiments.request import Request
 from replay.experiments.study import Figures, Results, Study
-from replay.lab.experiments.control.cases import UNDISTURBED, Scene
-from replay.lab.experiments.control.experiment import USUAL, WEATHER
 from replay.lab.experiments.control.loop import Moment, close
-from replay.lab.experiments.relays import PERIOD, Learning
+from replay.lab.experiments.relays import PERIOD, Learning, RelayRun, study
 from replay.localtime import DAY, HOUR
 from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
@@ -28,23 +23,11 @@ from service.errors import NoLaw
 from service.forecast.heating import PreheatQuestion
 from service.zone.foresight.outlook import NO_WEATHER
 
-LEARNED = 14
-"""Days before the first question, or half of a shorter run."""
-DAYS = 42
 PROBABILITY, TOLERANCE = 0.9, 0.5
 MORNINGS, STARTS, IN_TIME, BEEN, PROMISED, EARLY = (
     *("mornings", "with a start", "in time", "warm once by then", "promised"),
     "min too early, median",
 )
-
-
-class PreheatRun(NamedTuple):
-    """What a run depends on."""
-
-    building: str
-    estimator: str
-    seed: int
-    days: int
 
 
 class _Question(NamedTuple):
@@ -60,36 +43,22 @@ class _Question(NamedTuple):
 
 
 def prepare(request: Request) -> Study:
-    """The experiment for `request`; ReplayError where it cannot be made, EnergyPlusMissing without the extra."""
-    request.accept("seeds", "days", "building")
-    library()
-    days = request.days or DAYS
-    if days < 4:
-        raise ReplayError(f"--days {days}: nothing can be asked before a law is known; give 4 or more")
-    runs = [
-        PreheatRun(building_named(name).name, "bank", seed, days)
-        for name in request.building or USUAL
-        for seed in request.seeds_or(1)
-    ]
-    return Study(
-        tuple(Job(run.building, run.estimator, run.seed, mornings, run) for run in runs),
-        lambda run, arrays: _figures(arrays),
-        _report,
-    )
+    """The experiment for `request`; see `study`."""
+    return study(request, mornings, _figures, _report)
 
 
 class Asking(Learning):
     """Set-points of the people, raised when Thermogate says."""
 
-    def __init__(self, run: PreheatRun, scene: Scene) -> None:
-        super().__init__(scene, run.estimator, run.seed)
+    def __init__(self, run: RelayRun) -> None:
+        super().__init__(run)
         self.asked: list[_Question] = []
-        self._learned = min(LEARNED, run.days // 2) * DAY // STEP
+        self._from = run.asked_from
 
     def set_points(self, moment: Moment) -> Array:
         """Every room is asked at midnight."""
         wanted = super().set_points(moment)
-        for room in range(len(wanted)) if moment.local % DAY == 0 and moment.step >= self._learned else ():
+        for room in range(len(wanted)) if moment.local % DAY == 0 and moment.step >= self._from else ():
             self._ask(room, moment)
         for one in self.asked:
             if one.step <= moment.step < one.by:
@@ -114,12 +83,11 @@ class Asking(Learning):
             self.asked.append(_Question(room, here, start, by, found.start is not None, found.reached))
 
 
-def mornings(run: PreheatRun) -> Arrays:
+def mornings(run: RelayRun) -> Arrays:
     """By morning of each room, (M,): `told`, whether there was a start; `promised`, the probability; `warm`, whether
     the room was warm in time; `early` [min], how long before it was warm first after the start, NaN where it never was.
     """
-    scene = Scene(run.building, WEATHER[run.building], UNDISTURBED, run.seed, run.days, run.days)
-    asking = Asking(run, scene)
+    scene, asking = run.scene, Asking(run)
     air = close(scene, asking).air
     asked = [one for one in asking.asked if one.by < len(air)]
     warm = np.array([room.use.by_day for room in scene.of.rooms]) - TOLERANCE

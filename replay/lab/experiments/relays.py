@@ -1,14 +1,25 @@
 """Relays in a building of EnergyPlus, which keep the set-points of its people, and zones that learn beside them."""
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 
 from estimator import registry
 from estimator.arrays import Array
+from replay.energyplus.buildings import building_named
 from replay.energyplus.heating import OnOff
+from replay.energyplus.library import library
 from replay.energyplus.plant import STEP
-from replay.lab.experiments.control.cases import Scene
+from replay.errors import ReplayError
+from replay.experiments.jobs import Arrays, Job
+from replay.experiments.request import Request
+from replay.experiments.study import Figures, Results, Study
+from replay.lab.experiments.control.cases import STEPS_A_DAY, UNDISTURBED, Scene
+from replay.lab.experiments.control.experiment import USUAL, WEATHER
 from replay.lab.experiments.control.loop import Controller, Moment
 from replay.lab.experiments.control.site import inputs_of, networks_of
+from replay.reports.kit.report import Report
 from replay.scores.intervals import Mask
 from service.config.fitting import known_heat
 from service.records.sample import Sample
@@ -16,6 +27,50 @@ from service.zone.worker import WorkerSettings, ZoneWorker
 
 PERIOD = 900
 """s of a sample; a relay looks every STEP s."""
+LEARNED = 14
+"""Days before the first question, or half of a shorter run."""
+DAYS = 42
+
+
+class RelayRun(NamedTuple):
+    """What a run depends on."""
+
+    building: str
+    estimator: str
+    seed: int
+    days: int
+
+    @property
+    def scene(self) -> Scene:
+        """What is lived."""
+        return Scene(self.building, WEATHER[self.building], UNDISTURBED, self.seed, self.days, self.days)
+
+    @property
+    def asked_from(self) -> int:
+        """The first step of the plant at which something is asked."""
+        return min(LEARNED, self.days // 2) * STEPS_A_DAY
+
+
+def study(
+    request: Request,
+    live: Callable[[RelayRun], Arrays],
+    figures: Callable[[Arrays], Figures],
+    report: Callable[[Results], Report],
+) -> Study:
+    """An experiment in which `live` asks a bank; ReplayError for a `request` that does not fit, EnergyPlusMissing
+    without the extra."""
+    request.accept("seeds", "days", "building")
+    library()
+    days = request.days or DAYS
+    if days < 4:
+        raise ReplayError(f"--days {days}: nothing can be asked before a law is known; give 4 or more")
+    runs = [
+        RelayRun(building_named(name).name, "bank", seed, days)
+        for name in request.building or USUAL
+        for seed in request.seeds_or(1)
+    ]
+    jobs = tuple(Job(run.building, run.estimator, run.seed, live, run) for run in runs)
+    return Study(jobs, lambda run, arrays: figures(arrays), report)
 
 
 class Relays(Controller):
@@ -39,11 +94,12 @@ class Relays(Controller):
 class Learning(Relays):
     """A worker of each room learns beside them."""
 
-    def __init__(self, scene: Scene, estimator: str, seed: int) -> None:
+    def __init__(self, run: RelayRun) -> None:
+        scene = run.scene
         super().__init__(scene)
         self._networks = list(networks_of(scene.of, scene.whereabouts.location).values())
-        settings = WorkerSettings(seed, (0.95,), 12, PERIOD)
-        made = [registry.build(estimator, network, PERIOD, {}) for network in self._networks]
+        settings = WorkerSettings(run.seed, (0.95,), 12, PERIOD)
+        made = [registry.build(run.estimator, network, PERIOD, {}) for network in self._networks]
         self.workers = [ZoneWorker(one, settings, known_heat(one.network, PERIOD, scene.whereabouts)) for one in made]
         self._steps: list[tuple[Moment, Array, Array]] = []
 

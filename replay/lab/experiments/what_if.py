@@ -10,17 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Array
-from replay.energyplus.buildings import building_named
-from replay.energyplus.library import library
 from replay.energyplus.plant import STEP
-from replay.errors import ReplayError
-from replay.experiments.jobs import Arrays, Job
+from replay.experiments.jobs import Arrays
 from replay.experiments.request import Request
 from replay.experiments.study import Figures, Results, Study
-from replay.lab.experiments.control.cases import STEPS_A_DAY, UNDISTURBED, Scene
-from replay.lab.experiments.control.experiment import USUAL, WEATHER
+from replay.lab.experiments.control.cases import STEPS_A_DAY, Scene
 from replay.lab.experiments.control.loop import Moment, close
-from replay.lab.experiments.relays import PERIOD, Learning, Relays
+from replay.lab.experiments.relays import PERIOD, Learning, RelayRun, Relays, study
 from replay.localtime import DAY
 from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
@@ -30,9 +26,6 @@ from service.forecast.answers import Range
 from service.forecast.heating import CompareQuestion, Course, DemandQuestion
 from service.zone.foresight.outlook import NO_WEATHER
 
-LEARNED = 14
-"""Days before the first question, or half of a shorter run."""
-DAYS = 42
 SETBACK = 2.0
 """K."""
 _KWH = 3.6e6
@@ -40,15 +33,6 @@ ASKED, DEMAND, DEMAND_COVERAGE, OFF, TRUE, SAVING, SAVING_OFF, SAVING_COVERAGE =
     *("days asked", "demand, kWh a day", "coverage of the demand's interval", "error of the demand over yesterday's"),
     *("saving, kWh a day", "saving told", "rms error of the saving, kWh", "coverage of the saving's interval"),
 )
-
-
-class WhatIfRun(NamedTuple):
-    """What a run depends on."""
-
-    building: str
-    estimator: str
-    seed: int
-    days: int
 
 
 class _Answer(NamedTuple):
@@ -62,31 +46,17 @@ class _Answer(NamedTuple):
 
 
 def prepare(request: Request) -> Study:
-    """The experiment for `request`; ReplayError where it cannot be made, EnergyPlusMissing without the extra."""
-    request.accept("seeds", "days", "building")
-    library()
-    days = request.days or DAYS
-    if days < 4:
-        raise ReplayError(f"--days {days}: nothing can be asked before a law is known; give 4 or more")
-    runs = [
-        WhatIfRun(building_named(name).name, "bank", seed, days)
-        for name in request.building or USUAL
-        for seed in request.seeds_or(1)
-    ]
-    return Study(
-        tuple(Job(run.building, run.estimator, run.seed, days_twice, run) for run in runs),
-        lambda run, arrays: _figures(arrays),
-        _report,
-    )
+    """The experiment for `request`; see `study`."""
+    return study(request, days_twice, _figures, _report)
 
 
 class _Asking(Learning):
     """Asks one room at each midnight but the last; the set-points stay those of the people."""
 
-    def __init__(self, run: WhatIfRun, scene: Scene) -> None:
-        super().__init__(scene, run.estimator, run.seed)
+    def __init__(self, run: RelayRun) -> None:
+        super().__init__(run)
         self.answers: list[_Answer] = []
-        self._from, self._until = min(LEARNED, run.days // 2) * STEPS_A_DAY, (run.days - 1) * STEPS_A_DAY
+        self._from, self._until = run.asked_from, (run.days - 1) * STEPS_A_DAY
 
     def set_points(self, moment: Moment) -> Array:
         if moment.step % STEPS_A_DAY == 0 and self._from <= moment.step <= self._until:
@@ -122,16 +92,15 @@ class _SetBack(Relays):
         return wanted
 
 
-def days_twice(run: WhatIfRun) -> Arrays:
+def days_twice(run: RelayRun) -> Arrays:
     """By day asked (Q,): `demand` and `difference` (Q, 3), told as lower end, mean and upper end; `took`, `before` and
     `differed`, what the day took, the day before, and the day set back took more. In kWh."""
-    scene = Scene(run.building, WEATHER[run.building], UNDISTURBED, run.seed, run.days, run.days)
-    asking = _Asking(run, scene)
-    usual = close(scene, asking).heating
+    asking = _Asking(run)
+    usual = close(run.scene, asking).heating
     took, before, differed = (np.empty(len(asking.answers)) for _ in range(3))
     for place, one in enumerate(asking.answers):
-        shorter = scene._replace(days=one.step // STEPS_A_DAY + 1)
-        instead = close(shorter._replace(controlled=shorter.days), _SetBack(scene, one)).heating
+        scene = run._replace(days=one.step // STEPS_A_DAY + 1).scene
+        instead = close(scene, _SetBack(scene, one)).heating
         took[place], before[place] = (_energy(usual, one, ago) for ago in (0, 1))
         differed[place] = _energy(instead, one, 0) - took[place]
     return {

@@ -3,12 +3,13 @@
 import numpy as np
 from support.energyplus import needs_energyplus
 
-from replay.lab.experiments.preheat import EARLY, IN_TIME, MORNINGS, PreheatRun, _figures, mornings
+from replay.lab.experiments.preheat import EARLY, IN_TIME, MORNINGS, _figures, mornings
+from replay.lab.experiments.relays import RelayRun
 
 
 @needs_energyplus
 def test_a_room_is_asked_every_night_and_lives_with_the_answer():
-    found = mornings(PreheatRun("timber", "ekf", 1, 6))
+    found = mornings(RelayRun("timber", "ekf", 1, 6))
     assert len(found["told"]) == 3
     # A light house under a relay is warm within half an hour, so that every start is in time.
     assert found["warm"].all()
