@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Annotated, Any, NamedTuple
 
@@ -28,6 +29,8 @@ class Kind(NamedTuple):
     meaning: str
 
 
+SPIKE_SECONDS = 6.0
+
 _ANY = math.inf
 MENU: dict[str, Kind] = {
     "freeze": Kind("channel", None, 0, 0, "", "the value stays as it was when the fault began"),
@@ -35,12 +38,15 @@ MENU: dict[str, Kind] = {
     "drift": Kind("channel", 0.1, -_ANY, _ANY, "units per minute", "the value moves away from the truth steadily"),
     "offset": Kind("channel", 2.0, -_ANY, _ANY, "units", "the value is too high by so much"),
     "factor": Kind("channel", 0.001, -_ANY, _ANY, "times", "another unit; -1 turns the sign, 0 is a dead meter"),
+    "spikes": Kind("channel", 8.0, -_ANY, _ANY, "units", "for 6 s of every minute the value leaps by so much"),
+    "late": Kind("channel", 60.0, 0, 3600, "s", "the value comes so much later; until then it stays as it was"),
     "swapped-words": Kind("registers", None, 0, 0, "", "the words of values longer than one register change places"),
     "exception": Kind("requests", 4.0, 1, 11, "exception code", "requests are answered with a Modbus exception"),
     "slow": Kind("requests", 2.0, 0, 3600, "s", "answers come late"),
     "silent": Kind("requests", None, 0, 0, "", "requests are not answered, and nothing is published on Zenoh"),
     "drop": Kind("requests", None, 0, 0, "", "the TCP connection is closed instead of an answer"),
     "clock-jump": Kind("clock", 3600.0, -_ANY, _ANY, "s", "timestamps of what is published on Zenoh are off"),
+    "swapped-sensors": Kind("room", None, 0, 0, "", "the thermometers of the room and outdoors change places"),
     "window": Kind("room", 80.0, 0, 1000, "W/K", "a window is left open: heat is lost that nothing measures"),
 }
 
@@ -114,7 +120,8 @@ class FaultBoard:
         self._devices = {device.name: device for device in plant}
         self._clock = clock
         self._faults: list[Fault] = []
-        self._frozen: dict[tuple[int, str, str], float] = {}
+        self._kept: dict[tuple[int, str, str], deque[tuple[float, float]]] = {}
+        """By fault, device and channel, the values that a fault keeps back, each with its time."""
         self._ids = itertools.count(1)
 
     def add(self, spec: FaultSpec) -> Fault:
@@ -132,12 +139,12 @@ class FaultBoard:
         """Switch fault `number` off; whether there was one."""
         before = len(self._faults)
         self._faults = [fault for fault in self._faults if fault.id != number]
-        self._frozen = {key: value for key, value in self._frozen.items() if key[0] != number}
+        self._kept = {key: values for key, values in self._kept.items() if key[0] != number}
         return len(self._faults) < before
 
     def clear(self) -> None:
         """Switch every fault off."""
-        self._faults, self._frozen = [], {}
+        self._faults, self._kept = [], {}
 
     def listed(self) -> list[tuple[Fault, float]]:
         """Every fault that acts or will, with the seconds from now to its beginning (negative: it acts)."""
@@ -154,6 +161,13 @@ class FaultBoard:
         """The fault of this kind that acts now on a channel, the newest if there are several."""
         return next(self._acting(kind, device, channel), None)
 
+    def rooms(self, kind: str) -> dict[int, Fault]:
+        """The rooms in which a fault of this kind acts now, by index, each with the newest."""
+        if not any(fault.spec.kind == kind for fault in self._faults):
+            return {}
+        rooms = [(device.room, self.active(kind, device.name)) for device in self._devices.values()]
+        return {room: fault for room, fault in rooms if room is not None and fault is not None}
+
     def on_request(self, kind: str, device: str, channels: Iterable[str]) -> list[Fault]:
         """The faults of this kind that act on a request which reads `channels` of the device."""
         return [fault for channel in (None, *channels) if (fault := self.active(kind, device, channel)) is not None]
@@ -167,14 +181,26 @@ class FaultBoard:
             value += fault.value * (now - fault.begins) / 60.0
         value += sum(fault.value for fault in self._acting("offset", device, channel))
         value *= math.prod(fault.value for fault in self._acting("factor", device, channel))
-        frozen = self.active("freeze", device, channel)
-        if frozen is not None:
-            value = self._frozen.setdefault((frozen.id, device, channel), value)
+        spikes = self._acting("spikes", device, channel)
+        value += sum(fault.value for fault in spikes if (now - fault.begins) % 60.0 < SPIKE_SECONDS)
+        for kind in ("late", "freeze"):
+            if (withholding := self.active(kind, device, channel)) is not None:
+                value = self._withheld(withholding, device, channel, value, now)
         if self.active("nan", device, channel):
             told = self._devices[device].channel(channel)
             if told is not None and told.register.can_be_unavailable:
                 return math.nan
         return value
+
+    def _withheld(self, fault: Fault, device: str, channel: str, value: float, now: float) -> float:
+        """What is shown instead of `value` while the newest are kept back: the first one, or one of `late` s ago."""
+        kept = self._kept.setdefault((fault.id, device, channel), deque([(now, value)]))
+        if fault.spec.kind == "late":
+            if value != kept[-1][1]:
+                kept.append((now, value))
+            while len(kept) > 1 and kept[1][0] <= now - fault.value:
+                kept.popleft()
+        return kept[0][1]
 
     def _acting(self, kind: str, device: str, channel: str | None) -> Iterator[Fault]:
         if not self._faults:

@@ -9,7 +9,7 @@ import numpy as np
 
 from replay.bms.faults import FaultBoard
 from replay.bms.living.building import design
-from replay.bms.living.world import STEP, Orders, World
+from replay.bms.living.world import STEP, Orders, Snapshot, World
 from replay.bms.plant import Channel, Device, devices
 
 TICK = 0.1
@@ -44,14 +44,23 @@ class Simulation:
 
     def value(self, device: Device, channel: Channel) -> float:
         """What the sensor of `channel` says now; NaN for "not available"."""
-        return self.faults.falsified(device.name, channel.name, channel.read(self.world.now))
+        return self.faults.falsified(device.name, channel.name, channel.read(self._at_sensors()))
+
+    def _at_sensors(self) -> Snapshot:
+        """The building where its thermometers are: those that have changed places with the outdoor one are outdoors."""
+        now = self.world.now
+        swapped = list(self.faults.rooms("swapped-sensors"))
+        if not swapped:
+            return now
+        air = now.air.copy()
+        air[swapped] = now.outdoor
+        return now._replace(air=air, outdoor=float(now.air[swapped[-1]]))
 
     def catch_up(self) -> float:
         """Live up to now, or as far as one tick may; how many simulated seconds are missing after that."""
         windows = np.zeros(len(self.building.rooms))
-        for device in self.plant:
-            if device.room is not None and (fault := self.faults.active("window", device.name)):
-                windows[device.room] = fault.value
+        for room, fault in self.faults.rooms("window").items():
+            windows[room] = fault.value
         due = int((self._clock() - self._began) * self.pace / STEP)
         lived = int(self.world.elapsed / STEP)
         for _ in range(min(due - lived, _MOST_STEPS)):
