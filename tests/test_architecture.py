@@ -1,6 +1,7 @@
 """The rooms of the house and who may import whom."""
 
 import ast
+import json
 import re
 from functools import cache
 
@@ -177,6 +178,13 @@ def test_the_map_of_the_architecture_shows_every_room_on_its_floor(package):
 
 
 MOST_ARGUMENTS = 7
+
+
+def test_every_table_of_cases_belongs_to_a_test():
+    for path in ROOT.rglob("tests/**/cases.json"):
+        tests = "".join(file.read_text(encoding="utf-8") for file in path.parent.glob("test_*.py"))
+        tables = json.loads(path.read_text(encoding="utf-8"))
+        assert [name for name in tables if f"def test_{name}(" not in tests] == []
 
 
 def test_no_constructor_takes_more_arguments_than_can_be_kept_in_mind():

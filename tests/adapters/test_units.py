@@ -1,23 +1,10 @@
 import pytest
+from support.tables import tabled
 
 from adapters.units import Affine, conversion
 
 
-@pytest.mark.parametrize(
-    ("value", "from_unit", "to_unit", "expected"),
-    [
-        (293.15, "K", "degC", 20.0),
-        (20.0, "degC", "K", 293.15),
-        (68.0, "degF", "degC", 20.0),
-        (20.0, "degC", "degF", 68.0),
-        (0.0, "degF", "K", 255.3722222),
-        (1.5, "kW", "W", 1500.0),
-        (0.002, "MW", "kW", 2.0),
-        (3412.141633, "BTU/h", "W", 1000.0),
-        (0.4, "kW/m2", "W/m2", 400.0),
-        (35.0, "%", "1", 0.35),
-    ],
-)
+@tabled
 def test_values_convert(value, from_unit, to_unit, expected):
     scale, offset = conversion(from_unit, to_unit)
     assert value * scale + offset == pytest.approx(expected, rel=1e-9)

@@ -1,6 +1,6 @@
 """Forecasts of a worker or of an estimator, asked directly."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,13 @@ from estimator.types import Estimator, Mixture
 from service.forecast.engine import FanQuestion
 from service.forecast.plan import Inputs
 from service.forecast.request import detail
-from service.records.fan import Fan
 from service.zone.foresight.outlook import NO_WEATHER
 from service.zone.worker import ZoneWorker
+
+
+def asked(worker: ZoneWorker, question: Callable[..., Any]) -> Any:
+    """What a worker answers where no weather is foretold and nobody gives up."""
+    return question(worker, NO_WEATHER, lambda: False)
 
 
 def question(steps: int, planned: Inputs | None = None, levels: Sequence[float] = (0.9,)) -> FanQuestion:
@@ -24,11 +28,9 @@ def question(steps: int, planned: Inputs | None = None, levels: Sequence[float] 
     return FanQuestion(steps, planned or {}, tuple(levels), 0, detail([steps + 1]))
 
 
-def fan_of(
-    worker: ZoneWorker, steps: int, planned: Inputs | None = None, levels: Sequence[float] = (0.9,)
-) -> Fan | None:
+def fan_of(worker: ZoneWorker, steps: int, planned: Inputs | None = None, levels: Sequence[float] = (0.9,)) -> Any:
     """The forecast of a worker over `steps` steps."""
-    return question(steps, planned, levels)(worker, NO_WEATHER, lambda: False)
+    return asked(worker, question(steps, planned, levels))
 
 
 def unfolded(estimator: Estimator, state: Any, plan: Array) -> list[Mixture]:

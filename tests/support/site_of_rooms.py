@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from fastapi import FastAPI
 from support.thermostat_house import samples as told
+from support.zone_samples import fed
 
 from estimator import registry
 from estimator.network.presets import network
@@ -70,18 +71,12 @@ def worker_of(room: Room) -> ZoneWorker:
     estimator = registry.build(room.estimator, net, PERIOD, SMALL.get(room.estimator, {}))
     worker = ZoneWorker(estimator, WorkerSettings(3, (0.95,), 12, 900.0))
     if room.heated:
-        for one in winter(room.samples, room.temperature):
-            worker.step(one)
-        return worker
+        return fed(worker, winter(room.samples, room.temperature))
     if room.told:
-        for one in told(room.samples * PERIOD // 86400, PERIOD):
-            worker.step(one)
-        return worker
+        return fed(worker, told(room.samples * PERIOD // 86400, PERIOD))
     boundaries = [5.0, room.temperature][: len(net.boundaries)]
-    for k in range(room.samples):
-        heat = [1500.0 * (k % 12 < 6)] * len(net.heat_channels)
-        worker.step(sample(k, [*boundaries, *heat], room.temperature))
-    return worker
+    inputs = ([*boundaries, *[1500.0 * (k % 12 < 6)] * len(net.heat_channels)] for k in range(room.samples))
+    return fed(worker, (sample(k, row, room.temperature) for k, row in enumerate(inputs)))
 
 
 @contextmanager

@@ -39,10 +39,11 @@ def recorded(days, period, setpoint=morning, power=proportional):
     return np.array(outputs)[:, None], np.array(inputs), np.array(wanted)
 
 
-def samples(days, period):
-    """The same as samples, with set-points."""
-    for k, (outputs, inputs, setpoint) in enumerate(zip(*recorded(days, period), strict=True)):
-        yield Sample.measured(k * period, outputs, inputs)._replace(setpoint=setpoint)
+def samples(days, period, told=True, metered=1.0, **house):
+    """The same as samples: with set-points if `told`, and with `metered` times the heat."""
+    for k, (outputs, inputs, setpoint) in enumerate(zip(*recorded(days, period, **house), strict=True)):
+        sample = Sample.measured(k * period, outputs, inputs * [1.0, metered])
+        yield sample._replace(setpoint=setpoint if told else np.nan)
 
 
 def table(days):

@@ -12,11 +12,21 @@ PERIOD = 300
 NAN = float("nan")
 
 
-def worker(estimator="rbpf", preset="ecolar-6r4c", period=PERIOD, *, max_gap=3, hold_inputs=900.0, **options):
-    """A worker that has seen nothing, with `options` of its estimator; by default few particles of an `rbpf`."""
+def worker(estimator="rbpf", of="ecolar-6r4c", period=PERIOD, *, max_gap=3, hold_inputs=900.0, known=None, **options):
+    """A worker of a preset or network that has seen nothing, with `options` of its estimator (`rbpf`: few particles).
+
+    `known`: what the worker is told of its surroundings.
+    """
     given = {"particles": 100} | options if estimator == "rbpf" else options
-    made = build(estimator, network(preset), period, given)
-    return ZoneWorker(made, WorkerSettings(5, (0.95, 0.5), max_gap, hold_inputs))
+    made = build(estimator, network(of) if isinstance(of, str) else of, period, given)
+    return ZoneWorker(made, WorkerSettings(5, (0.95, 0.5), max_gap, hold_inputs), **(known or {}))
+
+
+def fed(one, seen):
+    """The worker after all samples of `seen`."""
+    for item in seen:
+        one.step(item)
+    return one
 
 
 def sample(k, y=None, inputs=None, quality=Quality.GOOD):

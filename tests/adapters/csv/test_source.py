@@ -7,6 +7,7 @@ from math import isnan
 
 import pytest
 from support.sources import recording
+from support.tables import tabled
 from support.waiting import until, wait_until
 
 import adapters.csv.source
@@ -46,21 +47,7 @@ def values(csv_source, start=None):
     return [(reading.time, reading.value) for reading in readings(csv_source, start)]
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "settings"),
-    [
-        ("quoted.csv", '"t","T"\n"2025-05-03T00:00:00Z","20.5"\n', {}),
-        ("bom.csv", '\ufeff"t","T"\n2025-05-03T00:00:00Z,20.5\n', {}),
-        ("packed.csv.gz", "t,T\n2025-05-03T00:00:00Z,20.5\n", {}),
-        ("windows.csv", "t,T\r\n2025-05-03T00:00:00Z,20.5\r\n\r\n", {}),
-        ("german.csv", "t;T;x\n03.05.2025 02:00;20,5;\n", {"delimiter": ";", "decimal": ","}),
-        ("latin.csv", "t;T;°C\n03.05.2025 02:00;20,5;\n", {"delimiter": ";", "decimal": ",", "encoding": "latin-1"}),
-        ("index.csv", ",t,T\n0,2025-05-03T00:00:00Z,20.5\n", {}),
-        ("blanks.csv", "\n t , T\n 2025-05-03T00:00:00Z , 20.5 \n", {}),
-        ("short.csv", "t,other,T\n2025-05-03T00:00:00Z,1,20.5\n2025-05-03T00:00:10Z,1\n", {}),
-        ("tabs.csv", "t\tT\n2025-05-03T00:00:00Z\t20.5\n", {"delimiter": "\t"}),
-    ],
-)
+@tabled
 def test_files_as_loggers_write_them(tmp_path, name, text, settings):
     if settings.get("decimal") == ",":
         settings = settings | {"format": "%d.%m.%Y %H:%M", "zone": "Europe/Berlin"}

@@ -3,6 +3,7 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
+from support.tables import tabled
 
 from adapters.csv.cells import Status
 from adapters.csv.times import parse_timestamps, to_utc
@@ -26,49 +27,14 @@ def wall_clock(utc, zone):
     return np.array([moment.replace(tzinfo=UTC).timestamp() for moment in moments])
 
 
-@pytest.mark.parametrize(
-    ("pattern", "text", "expected"),
-    [
-        ("iso8601", "2025-05-03T00:00:10Z", "2025-05-03T00:00:10"),
-        ("iso8601", " 2025-05-03 00:00:10+02:00 ", "2025-05-02T22:00:10"),
-        ("iso8601", "2025-05-03 02:00:10.25", "2025-05-03T00:00:10.25"),
-        ("epoch", "1746230410.5", "2025-05-03T00:00:10.5"),
-        ("%d.%m.%Y %H:%M", "03.05.2025 02:00", "2025-05-03T00:00:00"),
-        ("%Y-%m-%d %H:%M:%S%z", "2025-05-03 00:00:10-0100", "2025-05-03T01:00:10"),
-        ("%Y-%m-%dT%H:%M:%S%z", "2025-05-03T00:00:10Z", "2025-05-03T00:00:10"),
-        ("%Y-%m-%dT%H:%M:%SZ", "2025-05-03T00:00:10Z", "2025-05-03T00:00:10"),
-        ("%Y-%m-%dT%H:%M:%S.%fz", "2025-05-03T00:00:10.0Z", "2025-05-03T00:00:10"),
-        ("%Y-%m-%d %H:%M:%S %Z", "2025-05-03 00:00:10 UTC", "2025-05-03T00:00:10"),
-        ("%Y-%m-%d %H:%M:%S UTC", "2025-05-03 00:00:10 UTC", "2025-05-03T00:00:10"),
-        ("%H:%M GMT %d.%m.%Y", "00:00 GMT 03.05.2025", "2025-05-03T00:00:00"),
-        ("%Y-%m-%d %H:%M:%S %z UTC", "2025-05-03 00:00:10 +0000 UTC", "2025-05-03T00:00:10"),
-        ("%Y-%m-%d %H:%M UTC%z", "2025-05-03 02:00 UTC+0200", "2025-05-03T00:00:00"),
-        ("%d.%m.%Y %I:%M %p", "03.05.2025 02:00 PM", "2025-05-03T12:00:00"),
-        ("Zeit %d.%m.%Y %H:%M Uhr", "Zeit 03.05.2025 02:00 Uhr", "2025-05-03T00:00:00"),
-    ],
-)
+@tabled
 def test_timestamps_become_utc(pattern, text, expected):
     times, status = utc_of([text], pattern, BERLIN)
     assert status.tolist() == [Status.GOOD]
     assert times[0] == seconds(expected)
 
 
-@pytest.mark.parametrize(
-    ("pattern", "text"),
-    [
-        ("iso8601", ""),
-        ("iso8601", "yesterday"),
-        ("iso8601", "2025-02-30 00:00:00"),
-        ("iso8601", "0001-01-01 00:00:00"),
-        ("iso8601", "9999-12-31 23:59:59"),
-        ("iso8601", "1969-12-31T23:59:59Z"),
-        ("epoch", "1746230410000"),
-        ("epoch", "nan"),
-        ("epoch", "inf"),
-        ("epoch", "2025-05-03"),
-        ("%d.%m.%Y", "2025-05-03"),
-    ],
-)
+@tabled
 @pytest.mark.parametrize("zone", [None, BERLIN])
 def test_an_unreadable_or_implausible_timestamp_is_bad(pattern, text, zone):
     times, status = utc_of([text], pattern, zone)
@@ -89,17 +55,7 @@ def test_a_pattern_without_a_full_date_or_the_half_of_the_day_is_refused(pattern
         timestamp_parser(pattern)
 
 
-@pytest.mark.parametrize(
-    ("zone", "change"),
-    [
-        ("Europe/Berlin", "2025-10-26T01:00:00"),
-        ("Europe/Berlin", "2025-03-30T01:00:00"),
-        ("America/New_York", "2025-11-02T06:00:00"),
-        ("Australia/Lord_Howe", "2025-04-05T15:00:00"),  # half an hour back
-        ("Atlantic/Azores", "2025-10-26T01:00:00"),  # back over midnight
-        ("UTC", "2025-10-26T01:00:00"),
-    ],
-)
+@tabled
 @pytest.mark.parametrize("cadence", [10.0, 60.0, 900.0])
 @pytest.mark.parametrize("direction", [1, -1], ids=["oldest first", "newest first"])
 def test_a_recording_over_a_clock_change_comes_back_as_it_was(zone, change, cadence, direction):
@@ -107,15 +63,7 @@ def test_a_recording_over_a_clock_change_comes_back_as_it_was(zone, change, cade
     assert np.array_equal(local_to_utc(wall_clock(utc, ZoneInfo(zone)), ZoneInfo(zone)), utc)
 
 
-@pytest.mark.parametrize(
-    ("zone", "change", "step"),
-    [
-        ("Europe/Berlin", "2025-10-26T01:00:00", 3600.0),
-        ("America/New_York", "2025-11-02T06:00:00", 3600.0),
-        ("Australia/Lord_Howe", "2025-04-05T15:00:00", 1800.0),
-        ("Atlantic/Azores", "2025-10-26T01:00:00", 3600.0),
-    ],
-)
+@tabled
 @pytest.mark.parametrize("part", [0.0, 0.25, 0.5])
 @pytest.mark.parametrize("direction", [1, -1], ids=["oldest first", "newest first"])
 @pytest.mark.parametrize("rows", [slice(None), slice(5, None), slice(None, 7)])
@@ -125,19 +73,7 @@ def test_one_record_in_each_pass_is_told_apart(zone, change, step, part, directi
     assert np.array_equal(local_to_utc(wall_clock(utc, ZoneInfo(zone)), ZoneInfo(zone)), utc)
 
 
-@pytest.mark.parametrize(
-    "clocks",
-    [
-        "01:00 01:00 02:00 02:00 03:00 03:00",  # every row is written twice
-        "01:00 02:00 02:00 03:00 03:00",
-        "01:00 01:00 02:00 02:00 03:00",
-        "01:30 02:00 02:00 03:00",  # a shorter step than an hour
-        "01:00 02:15 02:15 03:00",
-        "01:00 02:00 03:00 02:00",
-        "01:00 02:00 02:00 02:00 03:00",
-        "02:00 02:00",
-    ],
-)
+@tabled
 @pytest.mark.parametrize("direction", [1, -1], ids=["oldest first", "newest first"])
 def test_a_time_that_is_written_twice_does_not_pass_for_two_passes(clocks, direction):
     local = np.array([seconds(f"2025-10-26T{clock}:00") for clock in clocks.split()])[::direction]

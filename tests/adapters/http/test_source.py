@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from support.sources import bound, source_table
+from support.tables import tabled
 
 from adapters.http.posted import Posted, from_lines, from_senml
 from adapters.http.source import HttpSource
@@ -30,35 +31,12 @@ def names(readings: list[Reading]) -> list[str]:
     return [reading.channel for reading in readings]
 
 
-@pytest.mark.parametrize(
-    ("line", "channels"),
-    [
-        ("mqtt,host=gw,topic=room1 value=21", ["office/T_i"]),
-        ("mqtt,topic=room1,floor=2 value=21", ["office/T_i", "attic/T_i"]),
-        ("mqtt,floor=2 value=21", []),
-        ("mqtt,topic=room1 other=21", []),
-        ("mqtt,topic=room2 value=21", []),
-        ("mqtt value=21", []),
-        ("office T_out=5", ["office/T_out"]),
-        ("office roof=5", []),
-    ],
-)
+@tabled
 def test_a_line_means_the_channels_whose_measurement_field_and_tags_it_has(line: str, channels: list[str]) -> None:
     assert names(source().receive(list(from_lines(line, "ns")), None, NOW).readings) == channels
 
 
-@pytest.mark.parametrize(
-    ("name", "zone", "channels"),
-    [
-        ("office/T_i", None, ["office/T_i"]),
-        ("roof", None, ["office/T_out", "hall/T_out"]),
-        ("roof", "hall", ["hall/T_out"]),
-        ("T_out", None, []),
-        ("T_out", "hall", ["hall/T_out"]),
-        ("office/T_out", "hall", []),
-        ("office/T_out", "office", ["office/T_out"]),
-    ],
-)
+@tabled
 def test_a_name_means_an_id_or_what_the_configuration_says(name: str, zone: str | None, channels: list[str]) -> None:
     assert names(source().receive([Posted(name, 5.0, NOW)], zone, NOW).readings) == channels
 
@@ -78,23 +56,12 @@ def test_a_pack_of_senml() -> None:
     assert [reading.fault for reading in readings[1:]] == [Fault.WRONG_UNIT, Fault.NON_NUMERIC, Fault.NOT_AVAILABLE]
 
 
-@pytest.mark.parametrize(
-    ("posted", "fault"),
-    [
-        (Posted("roof", 999.0, NOW), Fault.OUT_OF_RANGE),
-        (Posted("roof", inf, NOW), Fault.NOT_FINITE),
-        (Posted("roof", 5.0, NOW + 11), Fault.AHEAD_OF_TIME),
-        (Posted("roof", 5.0, -1.0), Fault.BAD_TIMESTAMP),
-        (Posted("roof", 5.0, NOW, unit="K"), Fault.WRONG_UNIT),
-        (Posted("roof", 5.0, NOW, quality=Quality.BAD), Fault.REPORTED_BAD),
-        (Posted("roof", 5.0, NOW, quality=Quality.UNCERTAIN), None),
-        (Posted("roof", 5.0, NOW + 9, unit="degC"), None),
-    ],
-)
-def test_faults(posted: Posted, fault: Fault | None) -> None:
+@tabled
+def test_faults(value: float, late: float, unit: str | None, quality: str, fault: str | None) -> None:
+    posted = Posted("roof", value, NOW + late, unit=unit, quality=Quality(quality))
     (reading,) = source(ROOF).receive([posted], None, NOW).readings
-    assert reading.fault is fault
-    assert (reading.quality is Quality.BAD) == (fault is not None)
+    assert reading.fault == fault
+    assert (reading.quality == Quality.BAD) == (fault is not None)
     assert reading.time <= NOW + 10
 
 

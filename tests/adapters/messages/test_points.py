@@ -3,8 +3,8 @@
 import json
 from typing import Any
 
-import pytest
 from support.sources import bound, source_table
+from support.tables import tabled
 
 from adapters.messages.inbox import Incoming
 from adapters.messages.points import MessageChannels
@@ -42,16 +42,7 @@ def times(taken: MessageChannels, *samples: Incoming) -> list[float]:
     return [reading.time for reading in readings(taken, *samples)]
 
 
-@pytest.mark.parametrize(
-    ("times", "payload", "stamp", "expected"),
-    [
-        (["payload", "zenoh"], "-60", -30, -60),
-        (["zenoh", "payload"], "-60", -30, -30),
-        (["arrival", "zenoh"], "-60", -30, 0),
-        (["payload", "zenoh", "arrival"], None, None, 0),
-        (["payload", "zenoh"], None, None, Fault.BAD_TIMESTAMP),
-    ],
-)
+@tabled
 def test_the_order_of_preference_decides_on_the_time(
     times: list[str], payload: str | None, stamp: float | None, expected: object
 ) -> None:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import pytest
 from support.broker import Party, broker
 from support.sources import bound, source_table
+from support.tables import tabled
 from support.waiting import between, repeated
 from support.zenoh_plant import endpoint, listening, session
 
@@ -61,15 +62,7 @@ HALL = {"id": "hall/T", "at": "bms/hall/T", "unit": "degC"}
 JSON = {"format": "json", "value": "/value", "time": "/time"}
 
 
-@pytest.mark.parametrize(
-    ("form", "payload"),
-    [
-        ({}, "21.5"),
-        ({"format": "json", "value": "/temperature"}, '{"temperature": 21.5, "battery": 80}'),
-        ({"format": "senml", "record": "room/T"}, '[{"bn": "room/", "n": "T", "v": 21.5}, {"n": "u", "v": 0}]'),
-    ],
-    ids=["plain", "json", "senml"],
-)
+@tabled
 async def test_every_format_arrives(bus: Bus, form: Keys, payload: str) -> None:
     begun = time.time()
     async with listening(bus.source(T | form)) as heard:

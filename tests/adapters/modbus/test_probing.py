@@ -6,6 +6,7 @@ import struct
 import pytest
 from support.modbus_plant import channel, plant, serving, source
 from support.sources import bound, source_table
+from support.tables import tabled
 
 from adapters.modbus.client import Answer
 from adapters.modbus.points import ModbusChannel
@@ -68,16 +69,7 @@ def test_a_register_that_is_a_number_of_a_list_from_40001_on():
     ) in found.hints
 
 
-@pytest.mark.parametrize(
-    ("order", "before", "after", "verdict"),
-    [
-        ("CDAB", 6214, 6214, "good"),
-        ("ABCD", 6214, 6214, "doubtful: it stands at a multiple of 65536, as counters with swapped words do"),
-        ("CDAB", 6214, 6215, "good"),
-        ("CDAB", 6214, 6210, "doubtful: it went back by 4 within 5.0 s"),
-        ("ABCD", 70_000, 70_001, "doubtful: it moved by 65536 within 5.0 s, which would be 4.71852e+10"),
-    ],
-)
+@tabled
 def test_a_counter_is_read_twice(order, before, after, verdict):
     def read(value, when):
         return Answer(words(">I", value)[::-1], when)

@@ -4,6 +4,7 @@ import pytest
 from pymodbus.exceptions import ModbusException
 from support.modbus_plant import plant, serving
 from support.sources import source_table
+from support.tables import tabled
 
 from adapters.modbus.client import ModbusLink
 
@@ -21,18 +22,7 @@ async def test_the_client_offers_nothing_but_to_read(transport):
     assert {verb.__name__ for verb in link._reads.values()} == VERBS
 
 
-@pytest.mark.parametrize(
-    ("verb", "arguments"),
-    [
-        ("write_coil", {"address": 0, "value": True}),
-        ("write_register", {"address": 0, "value": 1}),
-        ("write_coils", {"address": 0, "values": [True]}),
-        ("write_registers", {"address": 0, "values": [1]}),
-        ("mask_write_register", {"address": 0, "and_mask": 0, "or_mask": 1}),
-        ("readwrite_registers", {"read_address": 0, "read_count": 1, "write_address": 0, "values": [1]}),
-        ("diag_restart_communication", {"toggle": True}),
-    ],
-)
+@tabled
 async def test_a_verb_dug_out_of_the_library_does_not_reach_the_wire(verb, arguments):
     async with serving(plant(holding=[7])) as site:
         link = ModbusLink(line(port=site.port))

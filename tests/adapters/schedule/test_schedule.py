@@ -6,6 +6,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 from support import sites
+from support.tables import tabled
 
 from adapters.schedule.config import ScheduleConfig
 from service.config.load import load
@@ -22,18 +23,7 @@ def week():
     return table.channel(source="hours").within(table).week
 
 
-@pytest.mark.parametrize(
-    ("time", "value"),
-    [
-        ("2025-03-24T06:29:00+01:00", 16.0),  # Monday morning: still as on Sunday evening
-        ("2025-03-24T06:30:00+01:00", 21.0),
-        ("2025-03-25T02:00:00+01:00", 17.0),
-        ("2025-03-29T10:00:00+01:00", 20.0),
-        ("2025-03-31T06:30:00+02:00", 21.0),  # the first morning of summer time
-        ("2025-01-06T08:00:00+01:00", 16.0),  # Epiphany, a Monday, which not all of Germany keeps
-        ("2025-01-06T09:00:00+01:00", 20.0),
-    ],
-)
+@tabled
 def test_a_value_holds_from_its_time_of_day_until_the_next(time, value):
     assert week().at(datetime.fromisoformat(time).timestamp()) == value
 

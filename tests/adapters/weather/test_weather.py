@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.processes import free_port
+from support.tables import tabled
 from support.waiting import repeated
 from support.web_answers import answering
 from support.zenoh_plant import endpoint
@@ -62,33 +63,26 @@ def test_finer_series_count_and_a_document_may_say_when_it_was_issued() -> None:
     assert "shortwave_radiation" in forecast.series
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"<html>", "this is not JSON"),
-        (b"[" * 100_000, "this is not JSON"),
-        (b'{"hourly": {}, "hourly": {}}', "has the key 'hourly' twice"),
-        (b"[]", "no JSON object"),
-        (b"{}", "the document has no series"),
-        (b'{"error": true, "reason": "latitude is missing"}', "the service refuses: latitude is missing"),
-        (written(hourly={"time": "now"}), "no list of times"),
-        (written(hourly={"time": ["soon"], "t": [1.0]}), "'soon' is no time"),
-        (written(hourly={"time": [NOON], "t": [1.0, 2.0]}), "as many values as there are times"),
-        (written(hourly={"time": [NOON], "t": ["cold"]}), "must hold numbers or null"),
-        (written(hourly={"time": [True], "t": [1]}), "True is no time"),
-        (written(hourly={"time": [NOON], "t": [10**400]}), "hourly.t holds a number too large"),
-        (b'{"error": true, "reason": "a\\nb"}', "the service refuses: a b"),
-        (written(utc_offset_seconds=10**400), "utc_offset_seconds is 1000"),
-        (written(hourly={"time": ["x" * 10**6], "t": [1.0]}), r"xxx\.\.\. is no time"),
-        (written(utc_offset_seconds="CET"), "utc_offset_seconds is 'CET'"),
-        (written(issued=[]), "is no time"),
-        (b" " * (LONGEST + 1), "longer than 4000000 bytes; ask for fewer series"),
-    ],
-)
-def test_a_document_that_is_none_is_refused_in_one_sentence(content: bytes, words: str) -> None:
+def assert_refused(content: bytes, words: str) -> None:
     with pytest.raises(SourceUnavailable, match=words) as refused:
         parse(content, NOON)
     assert "\n" not in str(refused.value)
+
+
+@tabled
+def test_a_document_that_is_none_is_refused_in_one_sentence(content: str | dict[str, Any], words: str) -> None:
+    assert_refused(content.encode() if isinstance(content, str) else written(**content), words)
+
+
+def test_a_document_beyond_all_measure_is_refused_in_one_sentence() -> None:
+    for content, words in (
+        (b"[" * 100_000, "this is not JSON"),
+        (b" " * (LONGEST + 1), "longer than 4000000 bytes; ask for fewer series"),
+        (written(hourly={"time": [NOON], "t": [10**400]}), "hourly.t holds a number too large"),
+        (written(hourly={"time": ["x" * 10**6], "t": [1.0]}), r"xxx\.\.\. is no time"),
+        (written(utc_offset_seconds=10**400), "utc_offset_seconds is 1000"),
+    ):
+        assert_refused(content, words)
 
 
 def test_a_series_is_averaged_over_intervals_as_its_values_mean() -> None:

@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 from support.bms_plant import Clock, ask, simulation
+from support.tables import tabled
 
 
 def test_the_state_is_the_truth() -> None:
@@ -55,15 +56,7 @@ def test_a_fault_for_later_says_when() -> None:
     assert plant.faults.listed() == []
 
 
-@pytest.mark.parametrize(
-    ("body", "gist"),
-    [
-        ({"kind": "explosion"}, 'there is no fault "explosion"'),
-        ({"kind": "slow", "for": "soon"}, '"soon" is not a duration'),
-        ({"kind": "slow", "strength": 3}, "'strength' is not known"),
-        ({}, "'kind' is missing"),
-    ],
-)
+@tabled
 def test_mistakes_are_explained(body: dict[str, Any], gist: str) -> None:
     (response,) = ask(simulation(Clock()), ("POST", "/faults", body))
     assert response.status_code == 422

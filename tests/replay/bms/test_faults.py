@@ -2,6 +2,7 @@
 
 import pytest
 from support.bms_plant import Clock, simulation
+from support.tables import tabled
 
 from replay.bms.faults import FaultError, parse_spec
 from replay.bms.simulation import Simulation
@@ -16,24 +17,7 @@ def test_a_fault_as_it_is_written_on_the_command_line() -> None:
     assert parse_spec("slow,for=30").duration == 30
 
 
-@pytest.mark.parametrize(
-    ("text", "gist"),
-    [
-        ("slow:room1,delay=3", '--fault slow:room1,delay=3: "delay=3" must be value=..., after=... or for=...'),
-        ("slow:room1,value=fast", "value: Input should be a valid number"),
-        ("slow:room1,for=soon", '"soon" is not a duration'),
-        ("explosion", 'there is no fault "explosion"; the menu is freeze, '),
-        ("freeze:room1,value=3", '"freeze" takes no value'),
-        ("exception,value=99", "must be from 1 to 11 (exception code), not 99"),
-        ("slow:room9", 'there is no device "room9"; the devices are weather, room1, room2, room3'),
-        ("slow:room1/T_wall", 'device "room1" has no channel "T_wall"; it has T_air, set_point, relay, energy'),
-        ("window:weather", '"weather" is in none'),
-        ("window:room1/T_air", "concerns a device as a whole"),
-        ("nan:room1/relay", "room1/relay (bool) cannot say that it has no value"),
-        ("swapped-words:room1/T_air", "room1/T_air (int16) has one word only"),
-        ("freeze:/T_air", 'channel "T_air" needs its device'),
-    ],
-)
+@tabled
 def test_what_the_plant_cannot_have_is_refused(text: str, gist: str) -> None:
     plant = simulation(Clock())
     with pytest.raises(FaultError) as mistake:

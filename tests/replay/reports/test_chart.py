@@ -4,7 +4,7 @@ import re
 from datetime import UTC, datetime
 
 import numpy as np
-import pytest
+from support.tables import tabled
 
 from replay.reports.kit.chart import Band, Bars, Chart, Level, Line, Panel
 from replay.reports.language import sayer
@@ -56,22 +56,8 @@ def test_bars_stand_on_each_other() -> None:
     assert re.findall(r"M\d+ (\d+)V(\d+)", above) == [("750", "250"), ("1000", "0")]
 
 
-@pytest.mark.parametrize(
-    ("begin", "end", "marks"),
-    [
-        ((2017, 3, 26), (2017, 3, 26, 12), ["26 Mar", "03:00", "06:00", "09:00", "12:00"]),
-        ((2017, 3, 26), (2017, 3, 29), ["26 Mar", "12:00", "27 Mar", "12:00", "28 Mar", "12:00", "29 Mar"]),
-        ((2016, 11, 20), (2017, 2, 10), None),
-        (
-            (2016, 11, 20),
-            (2017, 8, 10),
-            [f"1 {m}" for m in ("Dec", "Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug")],
-        ),
-    ],
-)
-def test_times_are_round_and_the_axis_has_the_year(
-    begin: tuple[int, ...], end: tuple[int, ...], marks: list[str]
-) -> None:
+@tabled
+def test_times_are_round_and_the_axis_has_the_year(begin: list[int], end: list[int], marks: list[str]) -> None:
     x = np.array([seconds(*begin), seconds(*end)])
     chart = Chart([Panel([Line("T", "ink", x, x)])], "Europe/Berlin", dated=True)
     found = [text.strip() for text in texts(chart, "below")]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.tables import tabled
 
 from estimator.diagnosis.finding import AT_BOUND, Diagnosis, Finding
 from replay.errors import ReplayError
@@ -97,16 +98,7 @@ class Page(HTMLParser):
             self.headings.append(data)
 
 
-@pytest.mark.parametrize(
-    ("levels", "beaten", "told"),
-    [
-        (("trusted", "trusted"), "", "Nothing speaks against the forecasts 1 h, 6 h ahead."),
-        (("doubtful", "trusted"), "", "care 1 h ahead; nothing speaks against the forecasts 6 h ahead; too narrow."),
-        (("trusted", "trusted"), "6 h ahead, no change", "Take the forecasts with care; 6 h ahead, no change."),
-        (("doubtful", "trusted"), "6 h ahead, no change", "care 1 h ahead; too narrow; 6 h ahead, no change."),
-        (("learning", "learning"), "", "Take the forecasts with care."),
-    ],
-)
+@tabled
 def test_a_report_tells_how_far_its_forecasts_can_be_relied_on(replayed, levels, beaten, told):
     horizons = [
         HorizonTrust(lead, level, "too narrow" if level == "doubtful" else "", 0)

@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.tables import tabled
 
 from replay.errors import WeatherFileError
 from replay.simulated.semi_synthetic import (
@@ -25,16 +26,7 @@ def test_label_marks_the_interval_that_ends_at_the_step() -> None:
     np.testing.assert_array_equal(truth.disturbance_dominated[1:], truth.unmeasured_gain[:-1] > 0)
 
 
-@pytest.mark.parametrize(
-    ("text", "complaint"),
-    [
-        ("timestamp_utc,T_out_degC\n2016-04-10 00:00:00,3\n", "GHI_W_m2"),
-        ("timestamp_utc,T_out_degC,GHI_W_m2\n2016-04-10 00:00:00,cold,0\n", "not a time or a number"),
-        ("timestamp_utc,T_out_degC,GHI_W_m2\n2016-04-10 00:00:00,3,0\n2016-04-10 00:15:00,3,0\n", "600 s apart"),
-        ("timestamp_utc,T_out_degC,GHI_W_m2\n2016-04-10 00:00:00,3,0\n2016-04-10 00:10:00,nan,0\n", "600 s apart"),
-        ("timestamp_utc,T_out_degC,GHI_W_m2\n", "600 s apart"),
-    ],
-)
+@tabled
 def test_a_weather_file_that_is_none_is_refused_in_one_sentence(tmp_path: Path, text: str, complaint: str) -> None:
     path = tmp_path / "weather.csv"
     path.write_text(text)

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-import pytest
 from support.config_samples import SUN, changed
+from support.tables import tabled
 
 from estimator.network.boxes import PER_AREA
 from service.config.fitting import fingerprint, make_worker
@@ -54,17 +54,7 @@ def test_the_sun_can_be_told_more_about(tmp_path: Path) -> None:
     assert network.parameter("A_w").upper == 12.0
 
 
-@pytest.mark.parametrize(
-    ("network", "proposes"),
-    [
-        ("auto", True),
-        ({"preset": "auto", "box": "wide"}, False),
-        ({"preset": "titeth", "box": "auto"}, True),
-        ({"preset": "titeth", "box": {"floor_area": 90, "propose": True}}, True),
-        ({"preset": "titeth", "box": "wide"}, False),
-        ("titeth", False),
-    ],
-)
+@tabled
 def test_narrower_bounds_are_proposed_where_they_were_left_to_the_data(
     tmp_path: Path, network: object, proposes: bool
 ) -> None:

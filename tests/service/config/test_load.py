@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from support.config_samples import sound, write
+from support.tables import tabled
 
 from adapters.fields.durations import format_duration, parse_duration
 from service.cli.show import summary
@@ -41,18 +42,7 @@ def test_what_is_nested_without_end_is_the_operators_mistake(tmp_path: Path, dee
         load(tmp_path / "deep.toml")
 
 
-@pytest.mark.parametrize(
-    ("written", "seconds", "shown"),
-    [
-        ("30s", 30, "30s"),
-        ("5min", 300, "5min"),
-        ("1d", 86400, "1d"),
-        ("1.5 h", 5400, "90min"),
-        (90, 90, "90s"),
-        ("0s", 0, "0s"),
-        (1 / 3, 1 / 3, f"{1 / 3}s"),
-    ],
-)
+@tabled
 def test_durations_are_written_in_the_largest_unit_that_fits(written: object, seconds: float, shown: str) -> None:
     assert parse_duration(written) == seconds
     assert (format_duration(seconds), parse_duration(shown)) == (shown, seconds)

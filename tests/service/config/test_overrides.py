@@ -2,29 +2,12 @@
 
 from typing import Any
 
-import pytest
+from support.tables import tabled
 
 from service.config.overrides import apply_overrides
 
 
-@pytest.mark.parametrize(
-    ("override", "expected"),
-    [
-        ("a.x=5", 5),
-        ("a.x=0.5", 0.5),
-        ("a.x=true", True),
-        ('a.x="true"', "true"),
-        ("a.x=[1, 2]", [1, 2]),
-        ("a.x={ y = 1 }", {"y": 1}),
-        ("a.x=10min", "10min"),
-        ("a.x=titeth", "titeth"),
-        ("a.x=/data/log.csv", "/data/log.csv"),
-        ("a.x=", ""),
-        ("a.x=b=c", "b=c"),
-        (" a.x = 5 ", 5),
-        ("a.x=1\nz = 2", "1\nz = 2"),
-    ],
-)
+@tabled
 def test_values_are_toml_or_text(override: str, expected: object) -> None:
     assert apply_overrides({"a": {"x": 1}}, [override]) == {"a": {"x": expected}}
 

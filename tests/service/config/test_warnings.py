@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-import pytest
 from support.config_samples import sound, write
+from support.tables import tabled
 
 from service.config.load import load
 
@@ -26,16 +26,6 @@ def warnings(folder: Path, tables: dict[str, Any]) -> tuple[str, ...]:
     return load(write(folder, tables)).warnings
 
 
-@pytest.mark.parametrize(
-    ("heat", "source"),
-    [
-        ({"aggregate": "mean"}, {}),
-        ({"aggregate": "first"}, {}),
-        ({"unit": "kWh"}, {}),
-        ({"table": "coil", "unit": "%", "scale": 100, "nominal": 2000}, {}),
-        ({}, {"poll": "5min"}),
-    ],
-    ids=["it varies", "it is switched", "a counter", "a single bit", "one poll in a period"],
-)
+@tabled
 def test_no_word_where_it_is_meant(heat: dict[str, Any], source: dict[str, Any], tmp_path: Path) -> None:
     assert warnings(tmp_path, on_modbus(tmp_path, heat, **source)) == ()

@@ -13,6 +13,7 @@ from support.http_client import get, post
 from support.processes import free_port
 from support.publishing import opened, settings
 from support.site_of_rooms import Room, site_of
+from support.tables import tabled
 from support.zenoh_plant import session as session_of
 
 from service.daemon.queries import Queries
@@ -89,22 +90,7 @@ def test_model_parameters_and_forecasts_are_those_of_rest(app: tuple[FastAPI, Fa
     assert answer == (True, post(app[0], "/forecasts", body).json())
 
 
-@pytest.mark.parametrize(
-    ("selector", "body", "words"),
-    [
-        ("living/fan?horizont=1h", None, "query parameter 'horizont' is not known"),
-        ("living/fan?horizon=7min", None, "not a whole number of the zone's periods"),
-        ("living/model?setp=15min", None, "query parameter 'setp' is not known"),
-        ("living/parameters?level=2", None, "a level lies between 0 and 1"),
-        ("living/plan", {"horizon": "1h", "inputs": {"u_heat": 1e9}}, "plans 1e+09 W"),
-        ("living/plan", None, "JSON body"),
-        ("cellar/model", None, "it knows no physics"),
-        ("new/model", None, "has no forecast now"),
-        ("forecasts", {"horizon": "1h", "zones": ["attic"]}, "there is no zone 'attic'"),
-        ("living/forecast?level=0.5", None, "parameter 'level' is not known"),
-        ("living/status?verbose=1", None, "parameter 'verbose' is not known"),
-    ],
-)
+@tabled
 def test_what_is_asked_wrongly_is_refused_with_the_sentence_of_rest(
     session: zenoh.Session, selector: str, body: Any, words: str
 ) -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.forecasts import fan_of, question
+from support.forecasts import asked, fan_of, question
 from support.site_of_rooms import PERIOD, Room, worker_of
 
 from adapters.reading import Quality
@@ -54,7 +54,7 @@ def test_fewer_draws_forecast_nearly_the_same(workers: dict[str, ZoneWorker]) ->
     """A tenth of the particles, at even steps of their weights: within five standard errors of independent draws."""
     worker = workers["rbpf"]
     few = question(36)._replace(detail=detail([36])._replace(draws=30))
-    whole, part = fan_of(worker, 36), few(worker, NO_WEATHER, lambda: False)
+    whole, part = fan_of(worker, 36), asked(worker, few)
     left, right = whole.outputs[0], part.outputs[0]
     assert np.abs(left.mean[1:] - right.mean[1:]).max() > 0.0
     assert (np.abs(left.mean - right.mean) < 5.0 * left.sd / np.sqrt(30)).all()
@@ -66,10 +66,10 @@ def test_a_forecast_that_nobody_waits_for_is_given_up(workers: dict[str, ZoneWor
 
 
 def test_scenarios_of_a_model_without_physics_are_refused(workers: dict[str, ZoneWorker]) -> None:
-    asked = question(3)._replace(scenarios=5)
+    few = question(3)._replace(scenarios=5)
     with pytest.raises(NoModel, match="it knows no physics"):
-        asked(workers["arx"], NO_WEATHER, lambda: False)
-    fan = asked(workers["ekf"], NO_WEATHER, lambda: False)
+        asked(workers["arx"], few)
+    fan = asked(workers["ekf"], few)
     assert fan.outputs[0].scenarios.shape == (5, 4)
 
 
@@ -81,8 +81,7 @@ def test_what_a_neighbour_does_is_shifted_to_when_the_forecast_begins() -> None:
     own = worker.latest.forecast.inputs[worker.network.inputs.index("T_adj")].value
 
     def means(first: float, told: np.ndarray) -> np.ndarray:
-        asked = question(6)._replace(neighbours={"T_adj": Neighbour(first, told, origin)})
-        fan = asked(worker, NO_WEATHER, lambda: False)
+        fan = asked(worker, question(6)._replace(neighbours={"T_adj": Neighbour(first, told, origin)}))
         assert fan.origins[worker.network.inputs.index("T_adj")] == origin
         return np.asarray(fan.outputs[0].mean)
 

@@ -5,18 +5,17 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
-from support.thermostat_house import morning, recorded
+from support.forecasts import asked as answer
+from support.thermostat_house import morning, recorded, samples
+from support.zone_samples import fed
+from support.zone_samples import worker as new
 
-from estimator.network.presets import network
-from estimator.registry import build
 from estimator.thermostat.answers import Amounts
 from service.errors import NoLaw, PlanError, ServiceError
 from service.forecast.ahead import NextRise
 from service.forecast.heating import CompareQuestion, Course, DemandQuestion, PreheatQuestion, moment, together
 from service.records.record import document
-from service.records.sample import Sample
 from service.zone.foresight.outlook import NO_WEATHER
-from service.zone.worker import WorkerSettings, ZoneWorker
 
 PERIOD, DAILY = 1800, 48
 DAYS = 10
@@ -26,23 +25,22 @@ MIDNIGHT = 24.0 * DAYS
 USUAL = np.array([morning(MIDNIGHT + step / 2) for step in range(DAILY)])
 
 
-def fresh(estimator="ekf"):
-    return ZoneWorker(build(estimator, network("tite"), PERIOD, {}), WorkerSettings(5, (0.95,), 3, 900.0))
-
-
-def fed(worker, days, told=True):
-    for k, (outputs, inputs, setpoint) in enumerate(zip(*recorded(days, PERIOD), strict=True)):
-        worker.step(Sample.measured(k * PERIOD, outputs, inputs)._replace(setpoint=setpoint if told else np.nan))
-    return worker
+def fresh(period=PERIOD):
+    return new("ekf", "tite", period)
 
 
 @pytest.fixture(scope="module")
 def worker():
-    return fed(fresh(), DAYS)
+    return fed(fresh(), samples(DAYS, PERIOD))
 
 
-def answer(worker, question):
-    return question(worker, NO_WEATHER, lambda: False)
+def by_day(worker):
+    """The same zone if its set-point were 21 degC still."""
+    heating = worker.standing.carried.thermostat._replace(setpoint=21.0)
+    carried = worker.standing.carried._replace(thermostat=heating)
+    found = fresh()
+    found.resume(worker.standing._replace(carried=carried), worker.input_quality, worker.progress, worker.trust)
+    return found
 
 
 def followed(setpoint):
@@ -60,12 +58,8 @@ def test_the_next_likely_rise_of_the_set_point_is_prepared_for(worker):
     assert (found.target, found.by) == (21.0, (MIDNIGHT + 6.5) * 3600.0)
     assert found == answer(worker, PreheatQuestion(21.0, found.by, 0.9, 0.5))
     assert answer(worker, NextRise(12)) is None, "there is none within six hours"
-    assert answer(fed(fresh(), 3, told=False), NextRise(DAILY - 1)) is None
-    heating = worker.standing.carried.thermostat._replace(setpoint=21.0)
-    carried = worker.standing.carried._replace(thermostat=heating)
-    by_day = fresh()
-    by_day.resume(worker.standing._replace(carried=carried), worker.input_quality, worker.progress, worker.trust)
-    assert answer(by_day, NextRise(DAILY - 1)) is None, "nobody knows how cold it will be after the set-back"
+    assert answer(fed(fresh(), samples(3, PERIOD, told=False)), NextRise(DAILY - 1)) is None
+    assert answer(by_day(worker), NextRise(DAILY - 1)) is None, "nobody knows how cold it will be after the set-back"
 
 
 def test_the_room_is_warm_in_time_and_would_not_be_much_later(worker):
@@ -102,11 +96,7 @@ def test_a_time_of_day_is_the_next_one_also_where_the_clocks_are_put_back():
 
 def test_by_day_the_set_back_before_the_morning_is_foreseen(worker):
     question = PreheatQuestion(21.0, (MIDNIGHT + 6.5) * 3600.0, 0.9, 0.5)
-    heating = worker.standing.carried.thermostat._replace(setpoint=21.0)
-    standing = worker.standing._replace(carried=worker.standing.carried._replace(thermostat=heating))
-    by_day = fresh()
-    by_day.resume(standing, worker.input_quality, worker.progress, worker.trust)
-    assert answer(by_day, question) == answer(worker, question), "as if it were set back already"
+    assert answer(by_day(worker), question) == answer(worker, question), "as if it were set back already"
 
 
 def test_what_cannot_be_reached_is_said_with_the_probability_of_starting_now(worker):
@@ -117,8 +107,8 @@ def test_what_cannot_be_reached_is_said_with_the_probability_of_starting_now(wor
     assert b'"minutes":null' in document(found, "site", "room")
 
 
-def under_a_relay(days, setpoint=morning):
-    """As `recorded`, with a relay of 8 kW that lets the room swing 0.6 K and more to either side of its set-point."""
+def relay():
+    """8 kW that let the room swing 0.6 K and more to either side of its set-point."""
     on = False
 
     def power(excess):
@@ -126,19 +116,19 @@ def under_a_relay(days, setpoint=morning):
         on = excess < 0.0 if abs(excess) > 0.6 else on
         return 8000.0 * on
 
-    return recorded(days, PERIOD // 2, setpoint, power)
+    return power
 
 
 def test_a_relay_that_lets_the_room_swing_is_no_reason_to_start_hours_earlier():
-    worker = ZoneWorker(build("ekf", network("tite"), PERIOD // 2, {}), WorkerSettings(5, (0.95,), 3, 900.0))
-    for k, (outputs, inputs, setpoint) in enumerate(zip(*under_a_relay(DAYS), strict=True)):
-        worker.step(Sample.measured(k * PERIOD // 2, outputs, inputs)._replace(setpoint=setpoint))
+    period = PERIOD // 2
+    worker = fed(fresh(period), samples(DAYS, period, power=relay()))
     by = MIDNIGHT + 6.5
     found = answer(worker, PreheatQuestion(21.0, by * 3600.0, 0.9, 0.5))
     assert found.reached >= 0.9
 
     def warm_once(start):
-        truth = under_a_relay(DAYS + 1, lambda h: morning(h) if h < MIDNIGHT else 21.0 if h >= start else 17.0)[0]
+        wanted = lambda h: morning(h) if h < MIDNIGHT else 21.0 if h >= start else 17.0  # noqa: E731
+        truth = recorded(DAYS + 1, period, wanted, relay())[0]
         return (truth[round((by - 2.0) * 4) : round(by * 4) + 1, 0] >= 20.5).any()
 
     latest = max(start for start in np.arange(MIDNIGHT, by, 0.25) if warm_once(start))
@@ -193,9 +183,9 @@ def test_zones_that_cannot_say_why():
     question = DemandQuestion(4, None)
     assert answer(fresh(), question) is None
     with pytest.raises(NoLaw, match="give the zone a"):
-        answer(fed(fresh(), 1, told=False), question)
+        answer(fed(fresh(), samples(1, PERIOD, told=False)), question)
     with pytest.raises(NoLaw, match=r"no law of the thermostat is known.*plan the heating in W"):
-        answer(fed(fresh(), 1), question)
+        answer(fed(fresh(), samples(1, PERIOD)), question)
 
 
 def test_a_question_that_nobody_waits_for_and_a_plan_that_does_not_fit(worker):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.forecasts import mean_path
+from support.forecasts import asked, mean_path
 from support.zone_samples import sample
 
 from estimator.heat.known import KnownHeat
@@ -14,7 +14,6 @@ from estimator.statespace.matrices import of_draws, of_point
 from estimator.statespace.simulate import Simulation
 from service.forecast.learned import ModelQuestion
 from service.forecast.room import Past, RoomQuestion
-from service.zone.foresight.outlook import NO_WEATHER
 from service.zone.local_time import calendar
 from service.zone.worker import WorkerSettings, ZoneWorker
 
@@ -37,7 +36,7 @@ def worker() -> ZoneWorker:
 
 
 def test_matrices_have_the_measured_inputs_and_known_heat_beside_them(worker: ZoneWorker) -> None:
-    model, standing = ModelQuestion(3, 16, "mkf")(worker, NO_WEATHER, lambda: False), worker.unstalled
+    model, standing = asked(worker, ModelQuestion(3, 16, "mkf")), worker.unstalled
     assert standing is not None
     inputs = len(NETWORK.inputs)
     assert model.mean.B.shape == (4, inputs)
@@ -60,10 +59,10 @@ def test_heat_of_people_is_what_nobody_measured_and_counts_habits_once(worker: Z
     times = worker.latest.time + PERIOD * np.arange(144.0)
     inputs = np.tile([15.0, 300.0, 0.0], (144, 1))
     past = Past(times, PERIOD, np.full(144, 20.0), np.full(144, np.nan), np.tile(gain, (144, 1)), inputs)
-    people = np.array(RoomQuestion(past)(worker, NO_WEATHER, lambda: False).people)
+    people = np.array(asked(worker, RoomQuestion(past)).people)
     np.testing.assert_allclose(people, gain[1])
     unknown = past._replace(gain=np.full((144, 3), np.nan))
-    habits = np.array(RoomQuestion(unknown)(worker, NO_WEATHER, lambda: False).people)
+    habits = np.array(asked(worker, RoomQuestion(unknown)).people)
     assert habits.std() > 0.0
     assert 0.0 < habits.mean() < 400.0
 

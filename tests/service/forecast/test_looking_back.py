@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.tables import tabled
 
 from replay.reports.language import sayer
 from service.forecast.looking_back import last_day, lost_heat, warming_up
@@ -138,21 +139,7 @@ def test_an_input_that_came_otherwise_is_named():
     assert asked(worker(1.4, 0.4), inputs) == [answer]
 
 
-@pytest.mark.parametrize(
-    ("power", "why", "german"),
-    [
-        (
-            400.0,
-            "that nobody measures, brought 2.4 kWh more than usual",
-            "das niemand misst, brachten 2,4 kWh mehr als sonst",
-        ),
-        (
-            -400.0,
-            "an open window took heat away, or people brought less than usual",
-            "Menschen brachten weniger als sonst",
-        ),
-    ],
-)
+@tabled
 def test_heat_that_nobody_measures_is_named_with_its_energy(power, why, german):
     (answer,) = asked(worker(1.4, 1.3), gain=np.where(TIMES[-1] - 6 * 3600.0 < TIMES, power, 0.0))
     assert answer.sentence.endswith(why)

@@ -5,7 +5,9 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from support.forecasts import asked as answer
 from support.thermostat_house import recorded
+from support.zone_samples import worker as new
 
 import thermogate as tg
 from estimator.diagnosis import finding as kinds
@@ -13,14 +15,11 @@ from estimator.diagnosis.finding import Diagnosis, Finding
 from estimator.network import presets
 from estimator.network.assembly import assemble
 from estimator.network.discretise import heat_loss
-from estimator.registry import build
 from replay.reports.language import sayer
 from service.forecast import room
 from service.forecast.room import MOST, Past, RoomQuestion, _highest, _loss, highest
 from service.records.sample import Sample
 from service.records.trust import HorizonTrust, Trust
-from service.zone.foresight.outlook import NO_WEATHER
-from service.zone.worker import WorkerSettings, ZoneWorker
 
 PERIOD, DAYS = 1800, 6
 OUTPUTS, INPUTS, SETPOINTS = recorded(DAYS, PERIOD)
@@ -48,7 +47,7 @@ def worker(fitted, monkeypatch):
 
 
 def asked(worker, past=PAST, **about):
-    return RoomQuestion(past, **about)(worker, NO_WEATHER, lambda: False)
+    return answer(worker, RoomQuestion(past, **about))
 
 
 def answers(room):
@@ -237,7 +236,7 @@ def test_it_cools_and_heats_as_fast_as_the_house(worker):
 
 def test_a_room_that_was_never_left_unheated_cools_without_heating():
     """Regressions, which carry most of a young bank, know no such thing."""
-    bank = ZoneWorker(build("bank", presets.network("tite"), 1800, {}), WorkerSettings(5, (0.95,), 3, 1800.0))
+    bank = new("bank", "tite", 1800, hold_inputs=1800.0)
     for k in range(60):
         bank.step(Sample.measured(k * 1800, np.array([21.0 + 0.05 * (k % 2)]), np.array([0.0, 1500.0])))
     assert answers(asked(bank))["cooling"].value > 0.5
@@ -245,7 +244,7 @@ def test_a_room_that_was_never_left_unheated_cools_without_heating():
 
 @pytest.mark.parametrize(("period", "told"), [(9, False), (10, True)])
 def test_hours_of_seconds_are_not_simulated(period, told):
-    quick = ZoneWorker(build("ekf", presets.network("tite"), period, {}), WorkerSettings(5, (0.95,), 3, 900.0))
+    quick = new("ekf", "tite", period)
     for k in range(20):
         quick.step(Sample.measured(k * period, np.array([20.0]), np.array([0.0, 500.0])))
     assert ("cooling" in answers(asked(quick))) == told

@@ -1,33 +1,25 @@
 """Forecasts of a zone with a thermostat: plans of set-points, of heat, and none."""
 
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.forecasts import fan_of, question
+from support.forecasts import asked, fan_of, question
 from support.thermostat_house import morning, samples
+from support.zone_samples import fed, worker
 
-from estimator.network.presets import network
-from estimator.registry import build
 from estimator.thermostat.futures import NOTHING_KNOWN
 from service.errors import NoLaw
 from service.forecast.engine import PartQuestion
-from service.forecast.plan import Plan, Timed
-from service.forecast.request import ForecastRequest, mistakes
-from service.records.outlook import SET_POINTS, Surroundings
-from service.zone.foresight.outlook import NO_WEATHER
-from service.zone.worker import WorkerSettings, ZoneWorker
+from service.forecast.plan import Timed
+from service.records.outlook import SET_POINTS
 
 PERIOD = 1800
 DAILY = 48
 
 
 def worker_after(days, **known):
-    zone = ZoneWorker(build("ekf", network("tite"), PERIOD, {}), WorkerSettings(5, (0.95,), 3, 900.0), **known)
-    for sample in samples(days, PERIOD):
-        zone.step(sample)
-    return zone
+    return fed(worker("ekf", "tite", PERIOD, known=known), samples(days, PERIOD))
 
 
 @cache
@@ -75,36 +67,10 @@ def test_set_points_that_begin_later_are_the_likely_ones_before():
 
 def test_a_neighbour_sees_the_room_as_its_thermostat_keeps_it():
     def room(planned):
-        part = PartQuestion(question(DAILY, planned))(lived(), NO_WEATHER, lambda: False)
+        part = asked(lived(), PartQuestion(question(DAILY, planned)))
         for inputs in part.outlook.rows:
             part.room.step(inputs)
         return part.room.outputs()[0]
 
     assert abs(room({SET_POINTS: 21.0}) - 21.0) < 0.8
     assert room({"u_heat": 0.0}) < 15.0
-
-
-class View:
-    """A zone as far as a request reads it."""
-
-    id, network, period = "z", network("tite"), float(PERIOD)
-
-    def __init__(self, **limits):
-        self.surroundings = Surroundings(limits=limits)
-
-    def now(self):
-        return SimpleNamespace(update=None)
-
-
-def found(view, **planned):
-    request = ForecastRequest([view], 3600.0, (0.9,), [Plan(inputs={"z": planned})])
-    return [(one.channel, one.sentence) for one in mistakes(request)]
-
-
-def test_only_a_zone_with_a_set_point_can_be_planned_in_set_points_and_within_its_range():
-    assert found(View(T_set=(5.0, 30.0)), T_set=21.0) == []
-    ((channel, sentence),) = found(View(), T_set=21.0)
-    assert channel == "T_set"
-    assert "is not an input of this zone; its inputs are T_out, u_heat" in sentence
-    ((channel, sentence),) = found(View(T_set=(5.0, 30.0)), T_set=210.0)
-    assert (channel, sentence.split(";")[0]) == ("T_set", "plans 210 degC")

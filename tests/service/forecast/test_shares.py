@@ -2,19 +2,16 @@
 
 import numpy as np
 import pytest
-from support.forecasts import fan_of
-from support.thermostat_house import morning, recorded
+from support.forecasts import asked, fan_of
+from support.thermostat_house import morning, recorded, samples
+from support.zone_samples import fed, worker
 
 from estimator.network.presets import network
-from estimator.registry import build
 from service.forecast import room
 from service.forecast.heating import DemandQuestion
 from service.forecast.learned import ModelQuestion, learned_laws
 from service.forecast.room import Past, RoomQuestion
 from service.forecast.shares import Shares
-from service.records.sample import Sample
-from service.zone.foresight.outlook import NO_WEATHER
-from service.zone.worker import WorkerSettings, ZoneWorker
 
 PERIOD, DAILY, DAYS = 1800, 48, 8
 METERED = 4.0
@@ -23,26 +20,17 @@ METERED = 4.0
 USUAL = np.array([morning(24.0 * DAYS + step / 2) for step in range(DAILY)])
 
 
-def fed(of, factor=1.0, estimator="ekf", days=DAYS):
-    worker = ZoneWorker(build(estimator, of, PERIOD, {}), WorkerSettings(5, (0.95,), 3, 900.0))
-    for k, (outputs, inputs, setpoint) in enumerate(zip(*recorded(days, PERIOD), strict=True)):
-        sample = Sample.measured(k * PERIOD, outputs, inputs * [1.0, factor])
-        worker.step(sample._replace(setpoint=setpoint))
-    return worker
-
-
-def asked(worker, question):
-    return question(worker, NO_WEATHER, lambda: False)
+SHARED = network("tite").with_share("u_heat", 1.0 / METERED)
 
 
 @pytest.fixture(scope="module")
 def alone():
-    return fed(network("tite"))
+    return fed(worker("ekf", "tite", PERIOD), samples(DAYS, PERIOD))
 
 
 @pytest.fixture(scope="module")
 def sharing():
-    return fed(network("tite").with_share("u_heat", 1.0 / METERED), METERED)
+    return fed(worker("ekf", SHARED, PERIOD), samples(DAYS, PERIOD, metered=METERED))
 
 
 def test_the_share_is_learned_with_an_interval(sharing):
@@ -119,7 +107,7 @@ def test_what_departed_from_usual_is_told_in_watts_of_the_room(sharing, monkeypa
 
 
 def test_an_estimator_that_knows_no_building_has_the_likely_share():
-    regression = fed(network("tite").with_share("u_heat", 1.0 / METERED), METERED, estimator="arx")
+    regression = fed(worker("arx", SHARED, PERIOD), samples(DAYS, PERIOD, metered=METERED))
     (law,) = learned_laws(regression)
     assert Shares.of(regression).medians.tolist() == [1.0, 1.0 / METERED]
     assert law.power.mean == pytest.approx(6000.0, rel=0.02)

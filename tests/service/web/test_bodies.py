@@ -9,6 +9,7 @@ import pytest
 from fastapi import FastAPI, Response
 from support.fake_zones import running
 from support.http_client import get, post, problem, request
+from support.tables import tabled
 
 from service.publish.metrics import Metrics
 from service.web.app import create_app
@@ -72,16 +73,7 @@ def test_odd_json_is_the_clients_mistake(app: FastAPI, body: bytes, status: int,
     assert sentence in problem(sent(app, body), status)["detail"]
 
 
-@pytest.mark.parametrize(
-    "headers",
-    [
-        {"Content-Type": "APPLICATION/JSON"},
-        {"Content-Type": "application/vnd.plan+JSON"},
-        {"Content-Encoding": "identity"},
-        # Nothing unpacks it here, so it is read as it is.
-        {"Content-Encoding": "gzip"},
-    ],
-)
+@tabled
 def test_no_header_spares_json_the_look_at_it(app: FastAPI, headers: dict[str, str]) -> None:
     twice, much = b'{"horizon":"1h","horizon":"2h"}', b'{"horizon":"1h","levels":[' + b"1," * MAX_ITEMS + b"1]}"
     assert (sent(app, twice, **headers).status_code, sent(app, much, **headers).status_code) == (400, 413)

@@ -10,6 +10,7 @@ from support.refused import assert_refused, refusals
 from support.site_of_rooms import Room
 from support.thermostat_house import recorded
 
+from service.records.outlook import Surroundings
 from service.records.series import COLUMNS, Series
 from service.records.trust import HorizonTrust, Trust
 from service.zone.zone import Zone
@@ -17,7 +18,7 @@ from service.zone.zone import Zone
 DAYS = 2
 ROOMS = {
     "house": Room("ekf", "tite", samples=288 * DAYS, told=True),
-    "twin": Room("ekf", "tite", samples=288 * DAYS, told=True),
+    "twin": Room("ekf", "tite", samples=288 * DAYS, told=True, surroundings=Surroundings({"T_set": (5.0, 30.0)})),
     "untold": Room("ekf", samples=20),
     "new": Room(samples=0),
 }

@@ -43,13 +43,16 @@ def test_an_interval_becomes_a_sample_in_the_order_of_the_network():
     assert sample.input_quality == (GOOD, GOOD)
 
 
-@pytest.mark.parametrize(
-    ("rule", "expected"), [("mean", 3.0), ("first", 4.0), ("last", 3.0), ("min", 2.0), ("max", 4.0), ("sum", 9.0)]
-)
+RULES = {"mean": 5.0, "first": 9.0, "last": 5.0, "min": 1.0, "max": 9.0, "sum": 15.0}
+WEIGHTED = {"time_weighted": (9 * 30 + 1 * 180 + 5 * 60) / 270}
+"""A reading counts until the next one comes, the last until the end."""
+
+
+@pytest.mark.parametrize(("rule", "expected"), (RULES | WEIGHTED).items())
 def test_each_rule(rule, expected):
-    readings = [Reading("T_out", 20.0, 3.0), Reading("T_out", 0.0, 4.0), Reading("T_out", 10.0, 2.0)]
+    readings = [Reading("T_out", 240.0, 5.0), Reading("T_out", 30.0, 9.0), Reading("T_out", 60.0, 1.0)]
     (sample,) = alignment({"T_out": rule}).add("a", readings, 300.0)
-    assert sample.inputs[0] == expected
+    assert sample.inputs[0] == pytest.approx(expected)
 
 
 def test_a_sum_beyond_all_numbers_is_bad_and_not_infinite():

@@ -5,6 +5,7 @@ import logging
 
 import pytest
 from support.running_zone import make, plumbing
+from support.tables import tabled
 
 import service.daemon.supply.feeding
 from adapters.reading import Fault, Quality, Reading
@@ -14,43 +15,11 @@ from service.zone.clock import Clock
 from service.zone.health import state_and_reason
 from service.zone.worker import Progress
 
-ENDED = "its recording has come to an end; the last forecast stands"
-TOMORROW = Progress(last_time=int(2e9) + 86400)
-AHEAD = (
-    "the clock of this machine is behind the newest sample, so readings are refused until it has caught up; set the "
-    "clock, or give the zone's state up with --reset"
-)
-TROUBLE = ("sources.bms: no connection to 10.0.0.5:502; check the cable",)
 
-
-@pytest.mark.parametrize(
-    ("progress", "known", "state", "reason"),
-    [
-        (Progress(last_time=0), {}, "running", ""),
-        (Progress(last_time=0), {"live": True, "trouble": TROUBLE}, "running", TROUBLE[0]),
-        (Progress(last_time=0), {"trouble": TROUBLE}, "stalled", TROUBLE[0]),
-        (
-            Progress(stalled="T_out is old"),
-            {"live": True, "trouble": TROUBLE},
-            "stalled",
-            f"T_out is old; {TROUBLE[0]}",
-        ),
-        (
-            Progress(),
-            {"live": True, "trouble": TROUBLE, "has_forecast": False},
-            "waiting",
-            f"no complete sample yet; {TROUBLE[0]}",
-        ),
-        (Progress(stalled="no reading of T_out yet"), {"has_forecast": False}, "waiting", "no reading of T_out yet"),
-        (Progress(), {"failure": "it broke", "trouble": TROUBLE, "live": True}, "failed", "it broke"),
-        (Progress(last_time=0), {"ended": True}, "stalled", ENDED),
-        (TOMORROW, {"live": True}, "stalled", AHEAD),
-        (TOMORROW, {}, "running", ""),
-    ],
-)
+@tabled
 def test_the_state_of_a_zone_says_what_is_known(progress, known, state, reason):
     facts = {"has_forecast": True, "failure": None, "trouble": (), "live": False, "ended": False, "now": 2e9} | known
-    assert state_and_reason(progress, **facts) == (state, reason)
+    assert state_and_reason(Progress(**progress), **facts) == (state, reason)
 
 
 class SetClock:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 from support.fake_zones import make_update, skill_over
+from support.tables import tabled
 
 from estimator.diagnosis.finding import Diagnosis, Finding
 from service.records.skill import HorizonSkill, IssuedSkill
@@ -56,20 +57,7 @@ def test_a_horizon_is_learning_until_enough_was_verified():
     assert level(after(trust, skill())) == "trusted"
 
 
-@pytest.mark.parametrize(
-    ("week", "day", "expected", "words"),
-    [
-        ({"coverage": 0.84}, {}, "doubtful", "held 84 % of what came in 7 days"),
-        ({"coverage": 0.69}, {}, "untrusted", "held 69 %"),
-        ({}, {"coverage": 0.69}, "doubtful", "in the last day"),
-        ({}, {"coverage": 0.39}, "untrusted", "in the last day"),
-        ({}, {"coverage": 0.0, "forecasts": 11}, "trusted", ""),
-        ({"rmse": 0.9}, {}, "doubtful", "0.90 K in 7 days, and a forecast of no change by 0.80 K"),
-        ({"rmse": 1.3}, {}, "untrusted", "1.30 K"),
-        ({"rmse": 0.2, "persistence_rmse": 0.1}, {}, "trusted", ""),
-        ({"rmse": math.nan}, {}, "trusted", ""),
-    ],
-)
+@tabled
 def test_a_threshold_that_is_crossed_lowers_the_trust_at_once(week, day, expected, words):
     trust = after(after(Trust(), skill()), skill(day, **week))
     assert level(trust) == expected
