@@ -113,7 +113,7 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
         """`app` answers instead of the server's. `grown` is called when a large answer begins to wait for its client,
         `lost` when the connection has ended."""
         super().__init__(*server, {})
-        self.app = self._paced(app or self.app)
+        self.app = app or self.app
         self.logger = _log
         self.conn = Parser(limits.headers)
         self._limits, self._passes, self._grown, self._lost = limits, passes, grown, lost
@@ -130,6 +130,11 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
+        self.app = self._paced(self.app)
+        if self.scheme == "https":
+            # Left to itself it keeps 256 kB of what is read and 512 kB of what is written.
+            transport.set_read_buffer_limits(READ_BYTES)  # type: ignore[attr-defined]
+            transport.set_write_buffer_limits(PIECE)
         self.client = self.client or (UNIX, 0)
         self._receiving_since = self._progress = self.loop.time()
 
@@ -137,6 +142,12 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
         super().connection_lost(exc)
         self._asker.gone.set()
         self._lost()
+        # They hold the connection, and would keep it and its buffers until garbage is collected; an encrypted transport
+        # lets go of its own when it is closed again.
+        del self.app
+        self.cycle = None  # type: ignore[assignment]
+        self._unset_keepalive_if_required()
+        self.transport.close()
 
     def resume_writing(self) -> None:
         super().resume_writing()
@@ -188,7 +199,7 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
                 nonlocal begun
                 begun = True
                 body = message.get("body", b"")
-                if len(body) <= PIECE:
+                if len(body) <= PIECE or asker.gone.is_set():
                     await send(message)
                     return
                 if not self.unsent:
@@ -251,6 +262,8 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
         elif status == HTTPStatus.NOT_IMPLEMENTED:
             sentence = "the only Transfer-Encoding that is read is chunked"
         self._refuse(status, sentence)
+        # h11 raises it in a frame that holds it, so that both would keep the connection until garbage is collected.
+        error.__traceback__ = None
 
     def _refuse(self, status: HTTPStatus, detail: str) -> None:
         """Answer with a problem and close, past the application; only close where an answer has begun."""

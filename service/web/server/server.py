@@ -5,6 +5,7 @@ import contextlib
 import errno
 import logging
 import socket
+from asyncio.sslproto import SSLProtocol
 from collections import Counter
 from collections.abc import Iterator
 from http import HTTPStatus
@@ -18,7 +19,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from adapters.fields.values import is_loopback
 from service.config.http import HttpConfig
 from service.errors import ServiceError
-from service.web.server.connection import UNIX, Connection, Passes
+from service.web.server.connection import READ_BYTES, UNIX, Connection, Passes
 from service.web.server.listener import listener
 from service.web.server.peers import peer_of, plain_address
 from service.web.server.refusal import CLOSE, RequestRefused
@@ -62,6 +63,9 @@ class HttpServer:
         `setting` is what the operator knows the port by.
         """
         self.certificate = server_certificate(config)
+        if self.certificate is not None:
+            # Of each connection, from its handshake on; left to itself, asyncio takes 256 kB.
+            SSLProtocol.max_size = READ_BYTES
         self._socket = listener(config, setting)
         self.url = _url(self._socket, "http" if self.certificate is None else "https")
         self._limits = config.limits
@@ -201,6 +205,8 @@ class HttpServer:
                 self._leave(peer)
             if not isinstance(error, OSError):
                 raise
+            # asyncio raises it in a frame that holds it, so that both would keep the connection and its buffers.
+            error.__traceback__ = None
 
     def _leave(self, peer: str) -> None:
         self._peers[peer] -= 1

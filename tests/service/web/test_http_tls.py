@@ -1,21 +1,27 @@
 """The real server with TLS: who gets through, and what becomes of those who do not finish their handshake."""
 
 import asyncio
+import gc
+import socket
 import ssl
+import struct
+from asyncio.sslproto import SSLProtocol
 from pathlib import Path
 from typing import Any
 
 import pytest
 from fastapi import FastAPI, Response
+from starlette.types import Receive, Scope, Send
 from support.certificates import Pair, make_pair
 from support.served import Client, ask, config, serving
-from support.waiting import until
+from support.waiting import PATIENCE, until
 
 from service.config.http import HttpConfig
 from service.errors import CertificateError
 from service.publish.metrics import Metrics
 from service.web.app import create_app
 from service.web.measures import http_measures
+from service.web.server.connection import PIECE, READ_BYTES, Connection
 
 PLAIN = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
@@ -98,3 +104,72 @@ async def test_who_never_reads_is_cut_off_through_encryption_too(tmp_path: Path)
         await deaf.send(PLAIN)
         await until(lambda: server.cut_off["slow to read"] and server.connections == 0)
         deaf.writer.transport.abort()
+
+
+async def test_an_encrypted_connection_holds_little(tmp_path: Path) -> None:
+    pair = make_pair(tmp_path)
+    async with serving(app(), encrypted(pair)) as server:
+        client = await Client.to(server, trusting(pair))
+        assert (await client.ask()).status == 200
+        (connection,) = server.open_connections
+        transport: Any = connection.transport
+        assert transport.get_read_buffer_limits()[1] <= READ_BYTES
+        assert transport.get_write_buffer_limits()[1] <= PIECE
+        assert SSLProtocol.max_size <= READ_BYTES
+
+
+def abandoned(client: Client) -> None:
+    """Have the system reset the connection."""
+    client.writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    client.writer.transport.abort()
+
+
+@pytest.mark.parametrize("tls", [False, True])
+async def test_ended_connections_leave_nothing_to_the_garbage_collector(tmp_path: Path, tls: bool) -> None:
+    pair = make_pair(tmp_path)
+    context = trusting(pair) if tls else None
+    gc.collect()
+    gc.disable()
+    try:
+        async with serving(app(), encrypted(pair) if tls else config()) as server:
+            assert (await ask(server, context=context)).status == 200
+            for begun in (PLAIN, PLAIN[:20]):
+                client = await Client.to(server, context)
+                await client.send(begun)
+                await until(lambda: server.open_connections)
+                abandoned(client)
+                await until(lambda: server.connections == 0)
+            # Neither HTTP nor a handshake.
+            for refused in (await Client.to(server, context), await Client.to(server)):
+                await refused.send(b"nonsense\r\n\r\n")
+                await refused.ended()
+            await until(lambda: server.connections == 0)
+            await until(lambda: not [one for one in gc.get_objects() if type(one) is Connection])
+    finally:
+        gc.enable()
+
+
+async def test_a_large_answer_to_a_client_that_has_gone_is_no_fault(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    pair, gone, ended = make_pair(tmp_path), asyncio.Event(), asyncio.Event()
+
+    class Late(Response):
+        async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+            await gone.wait()
+            try:
+                await super().__call__(scope, receive, send)
+            finally:
+                ended.set()
+
+    application = FastAPI()
+    application.add_route("/", lambda request: Late(bytes(2 * PIECE)))
+    async with serving(application, encrypted(pair)) as server:
+        client = await Client.to(server, trusting(pair))
+        await client.send(PLAIN)
+        await until(lambda: server.open_connections)
+        await client.close()
+        await until(lambda: server.connections == 0)
+        gone.set()
+        await asyncio.wait_for(ended.wait(), PATIENCE)
+    assert not [record for record in caplog.records if record.levelname != "INFO"], "no noise in the log"
