@@ -17,68 +17,7 @@ PACKAGES = {
 }
 """Which other packages each one may import."""
 
-LEVELS = {
-    "estimator": (
-        {"loop"},
-        {"registry", "diagnosis", "believed"},
-        {"neighbours"},
-        {"thermostat"},
-        {"bank", "statespace", "foresight"},
-        {"verification"},
-        {"mixture"},
-        {"particle", "gaussian", "offline", "blackbox"},
-        {"option_checks"},
-        {"types", "heat"},
-        {"network"},
-        {"kernels"},
-        {"arrays", "errors"},
-    ),
-    "adapters": (
-        {"kinds"},
-        {"weather", "opcua", "home_assistant"},
-        {"bacnet", "csv", "http", "modbus", "mqtt", "schedule", "series", "zenoh"},
-        {"messages"},
-        {"payload"},
-        {"watched", "playback"},
-        {"channel"},
-        {"edge", "rhythm", "fields", "routing"},
-        {"reading", "units", "timestamps", "holidays", "scanning"},
-        {"errors", "cancelling", "background"},
-    ),
-    "service": (
-        {"__main__"},
-        {"cli"},
-        {"fleet"},
-        {"daemon"},
-        {"web"},
-        {"forecast"},
-        {"recordings"},
-        {"config"},
-        {"zone"},
-        {"publish", "store"},
-        {"records"},
-        {"errors", "pauses"},
-    ),
-    "replay": (
-        {"commands", "lab"},
-        {"experiments"},
-        {"reports"},
-        {"bms"},
-        {"energyplus"},
-        {"simulated"},
-        {"recorded"},
-        {"scores"},
-        {"errors", "localtime", "processes"},
-    ),
-    "thermogate": (
-        {"fitting", "backtesting"},
-        {"model"},
-        {"files", "learning"},
-        {"session", "plans", "heating", "plots"},
-        {"settings"},
-        {"frames", "arguments"},
-    ),
-}
+LEVELS = json.loads((ROOT / "tests" / "floors.json").read_text(encoding="utf-8"))
 """The rooms of each package, from the top floor down. A room imports only from floors below its own."""
 
 IMPURE = "logging threading asyncio socket tomllib sqlite3 time datetime pathlib os"
@@ -171,7 +110,8 @@ def test_the_map_of_the_architecture_shows_every_room_on_its_floor(package):
     cells = [cell.strip() for line in page.split("```")[1].splitlines() for cell in line.split("│")]
     drawn = [room for cell in cells for room in re.split(r"\s{2,}", cell)[0].split(", ")]
     # Several packages have a room for their errors, always on the lowest floor.
-    floors = [(room, index) for index, rooms in enumerate(LEVELS[package]) for room in rooms - {"errors", "__main__"}]
+    levels = [set(rooms) - {"errors", "__main__"} for rooms in LEVELS[package]]
+    floors = [(room, index) for index, rooms in enumerate(levels) for room in rooms]
     assert {room for room, _ in floors} <= set(drawn)
     from_above = sorted(floors, key=lambda entry: drawn.index(entry[0]))
     assert [index for _, index in from_above] == sorted(index for _, index in floors)

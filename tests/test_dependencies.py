@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from support.tables import tabled
 
 ROOT = Path(__file__).parents[1]
 PINS = {
@@ -81,22 +82,7 @@ def test_the_lock_has_the_pins_of_what_a_site_can_use_and_the_hashes_of_their_fi
     assert needed - missing <= locked.keys(), "make lock"
 
 
-SOUND = {"name": "a", "version": "1", "vulns": []}
-BAD = {"name": "b", "version": "2", "vulns": [{"id": "CVE-1", "fix_versions": ["2.1"]}]}
-UNKNOWN = {"name": "c", "skip_reason": "not found"}
-
-
-@pytest.mark.parametrize(
-    ("found", "code", "says"),
-    [
-        ([SOUND], 0, "1 of 1 pinned packages looked up, 0 known"),
-        ([SOUND, BAD], 1, "b 2: CVE-1, mended in 2.1"),
-        ([BAD, UNKNOWN], 1, "1 of 2 pinned packages looked up, 1 known"),
-        ([SOUND, UNKNOWN], 3, "does not know c"),
-        ([], 3, "could not be asked"),
-        (None, 3, "no route to host"),
-    ],
-)
+@tabled
 def test_the_audit_tells_a_finding_from_silence(
     found: list | None, code: int, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:

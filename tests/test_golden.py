@@ -24,6 +24,7 @@ from support.fake_zones import broken, doubted
 from support.golden_site import SAMPLES, SITE, GoldenSite, learned, written
 from support.http_client import scope
 from support.running_zone import Announced
+from support.tables import tabled
 
 import thermogate as tg
 from adapters.reading import Fault
@@ -49,53 +50,8 @@ ZONES = ("rbpf", "mkf", "bank", "ekf", "arx", "waiting")
 DISCOVERED = ("mkf", "ekf", "waiting")
 """Zones whose entities of Home Assistant are looked at: with a gain, with two outputs, and with nothing."""
 
-PLAN = {"horizon": "30min", "levels": [0.5, 0.9], "inputs": {"u_heat": [1000.0, 0.0, 0.0], "T_out": 4}}
-PLANS = {
-    "horizon": "30min",
-    "zones": list(ZONES),
-    "levels": [0.9],
-    "scenarios": 0,
-    "plans": [
-        {"name": "off", "inputs": {"*": {"u_heat": 0.0}}},
-        {"name": "on", "inputs": {"mkf": {"u_heat": {"step": "10min", "values": [500, 400, 300]}}}},
-    ],
-}
-SCENARIOS = {"horizon": "20min", "zones": ["rbpf", "mkf", "bank"], "scenarios": 2}
-POSTED = {"readings": [{"channel": "rbpf/T_i", "value": 21.5, "time": "2026-01-02T12:00:00Z"}]}
-
-OF_A_ZONE: Sequence[tuple[str, str, Any]] = (
-    ("GET", "", None),
-    ("GET", "/forecast", None),
-    ("GET", "/forecast?level=0.5&level=0.8", None),
-    ("GET", "/forecast?horizon=30min", None),
-    ("POST", "/forecast", PLAN),
-    ("GET", "/parameters", None),
-    ("GET", "/skill", None),
-    ("GET", "/gain", None),
-    ("GET", "/trust", None),
-    ("GET", "/model?draws=2&step=20min", None),
-    ("GET", "/history?limit=12", None),
-    ("GET", "/history?start=2026-01-01T06:30:00Z&end=2026-01-01T07:00:00Z", None),
-    ("GET", "/series?points=10", None),
-)
-OF_THE_SITE: Sequence[tuple[str, str, Any]] = (
-    ("GET", "/zones", None),
-    ("GET", "/zones?limit=1&after=rbpf", None),
-    ("GET", "/zones/nowhere/forecast", None),
-    ("GET", "/zones/rbpf/forecast?level=2&horizon=7min", None),
-    ("POST", "/zones/rbpf/forecast", {"horizon": "30min", "inputs": {"u_heat": [1.0], "sun": 3}}),
-    ("POST", "/forecasts", PLANS),
-    ("POST", "/forecasts", SCENARIOS),
-    ("POST", "/forecasts", {"horizon": "30min", "plans": [{"inputs": {"rbpf": {"sun": 1}}}]}),
-    ("GET", "/healthz", None),
-    ("GET", "/readyz", None),
-    ("POST", "/readings", POSTED),
-    ("POST", "/zones/rbpf/readings", POSTED),
-    ("POST", "/readings", {"readings": [{"channel": 1}]}),
-    ("POST", "/admin/reload", {}),
-    ("POST", "/admin/reload", {}),
-    ("GET", "/nothing", None),
-)
+ASKED = json.loads(Path(__file__).with_name("asked.json").read_text(encoding="utf-8"))
+"""Requests whose answers are kept: method, path, and a body or null."""
 ELSEWHERE = {"/openapi.json", "/metrics", "/overview", "/overview/stream", "/zones/{zone}/stream"}
 """Routes that have files of their own."""
 
@@ -172,11 +128,11 @@ async def _gathered(folder: Path) -> dict[str, str]:
         announced = {zone.id: await _announcement(zone, site.zones) for zone in site.zones.values()}
         async with _application(site, folder / "keys.json") as (asked, streams):
             for zone in ZONES:
-                found[f"rest-{zone}.txt"] = await asked.shown(OF_A_ZONE, f"/zones/{zone}")
+                found[f"rest-{zone}.txt"] = await asked.shown(ASKED["of_a_zone"], f"/zones/{zone}")
             found["model-npz.txt"] = _arrays(
                 await asked.ask("GET", "/zones/mkf/model?draws=2", Accept="application/x-npz")
             )
-            found["rest-site.txt"] = await asked.shown(OF_THE_SITE)
+            found["rest-site.txt"] = await asked.shown(ASKED["of_the_site"])
             found["openapi.json"] = golden.lines((await asked.ask("GET", "/openapi.json")).text)
             for announcement in announced.values():
                 streams.publish(announcement)
@@ -214,8 +170,9 @@ async def _application(site: GoldenSite, keys: Path) -> AsyncIterator[tuple[Aske
         backend=Backend("1.2.3", "Europe/Berlin", reload=reload, take=take, streams=streams),
     )
     documented = {route.path for route in app.routes if isinstance(route, Route) and not _is_of_the_page(route)}
-    asked_for = {re.sub("^/zones/[^/]+", "/zones/{zone}", path.partition("?")[0]) for _, path, _ in OF_THE_SITE}
-    asked_for |= {"/zones/{zone}" + path.partition("?")[0] for _, path, _ in OF_A_ZONE}
+    paths = {group: [path.partition("?")[0] for _, path, _ in asked] for group, asked in ASKED.items()}
+    asked_for = {re.sub("^/zones/[^/]+", "/zones/{zone}", path) for path in paths["of_the_site"]}
+    asked_for |= {"/zones/{zone}" + path for path in paths["of_a_zone"]}
     assert documented <= asked_for | ELSEWHERE, "every route has a golden answer"
     yield Asked(app, secret), streams
 
@@ -391,16 +348,6 @@ def test_every_file_has_its_test(files: Files) -> None:
     assert sorted(files) == sorted(NAMES) == sorted(path.name for path in golden.FOLDER.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("before", "now", "same"),
-    [
-        ("0.1", "0.1", True),
-        ("0.1", "0.10000000000000002", True),
-        ("0.1", "0.100002", False),
-        ("1e-05", "0.00001", False),
-        ("20.0", "20", False),
-        ("7", "8", False),
-    ],
-)
+@tabled
 def test_only_the_last_digits_of_a_number_may_differ(before: str, now: str, same: bool) -> None:
     assert golden.alike(before, now) is same

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.tables import tabled
 
 EMHASS = Path(os.environ.get("THERMOGATE_EMHASS", Path(sys.prefix) / "emhass" / "bin" / "python"))
 """The interpreter of an environment with the package `emhass`, which shares too little with ours to be in it."""
@@ -82,14 +83,7 @@ def test_without_heating_it_foresees_what_thermogate_does_and_with_it_nearly(exa
     assert np.abs(heated - itself).max() < 0.15 * rise
 
 
-@pytest.mark.parametrize(
-    ("trust", "step", "sentence"),
-    [
-        ("untrusted", 30, "a day ahead are untrusted: so"),
-        ("trusted", 7, "of 7 min is not one or more"),
-        ("trusted", 0, "of 0 min is not"),
-    ],
-)
+@tabled
 def test_what_cannot_be_handed_on_is_one_sentence(
     example: ModuleType, asking: Any, trust: str, step: int, sentence: str
 ) -> None:

@@ -1,6 +1,7 @@
 """Presets and options of the filters."""
 
 import pytest
+from support.tables import tabled
 
 from estimator import registry
 from estimator.errors import OptionsError
@@ -13,60 +14,7 @@ def resolve(name, given, period=600.0, of=BUILDING):
     return registry.resolve(name, of, period, given)
 
 
-MISTAKES = {
-    "ekf": [
-        ({"particles": 10}, "unknown option 'particles'; the options of 'ekf' are initial, measurement_sd"),
-        ({"sigma_reach": 1.0}, "unknown option 'sigma_reach'"),
-        ({"preset": "fast"}, "preset 'fast' does not exist; the presets are default, paper"),
-        ({"measurement_sd": 0.0}, "measurement_sd = 0.0 must be a number from 1e-06"),
-        ({"parameter_sd": "small"}, "parameter_sd = 'small' must be a number"),
-        ({"process_sd": float("nan")}, "must be a number"),
-        ({"initial": "guess"}, "initial = 'guess' must be one of centre, drawn"),
-    ],
-    "ukf": [({"sigma_reach": 0}, "sigma_reach = 0 must be a number from 0.01 to 10")],
-    "mkf": [
-        ({"shrinkage": 0.9}, "unknown option 'shrinkage'; the options of 'mkf' are alpha_initial_sd"),
-        ({"preset": "paper"}, "preset 'paper' does not exist; the presets are default, jump, drift"),
-        ({"gain": "sometimes"}, "gain = 'sometimes' must be one of none, switching, always"),
-        ({"measurement_sd": "small"}, "measurement_sd = 'small' must be 'learned' or a number from"),
-        ({"measurement_sd": 0.0}, "measurement_sd = 0.0 must be a number from 1e-06 to 100"),
-        ({"gain_decays": 1}, "gain_decays = 1 must be true or false"),
-        ({"gain_sd_min": 60.0}, "gain_sd_min = 60 must not be above gain_sd_max = 50"),
-        ({"alpha_min": 2.0}, "alpha_min and alpha_max must have 1"),
-        ({"volatility": "gain", "gain": "none"}, 'volatility = "gain" needs a gain'),
-        ({"volatility_blocks": {"all": ["T_i"]}}, "volatility_blocks must name every state node exactly once"),
-        (
-            {"preset": "drift", "volatility_blocks": {"all": list(BUILDING.nodes)}},
-            'they need volatility = "process"',
-        ),
-        ({"particles": 3}, "particles = 3 must be a whole number from 8"),
-    ],
-    "rbpf": [
-        ({"particle": 10}, "unknown option 'particle'"),
-        ({"preset": "fast"}, "preset 'fast' does not exist; the presets are default, paper"),
-        ({"preset": ["paper"]}, "preset '['paper']' does not exist"),
-        ({"volatility_blocks": {"a": [1, "T_i"]}}, "must name every state node exactly once"),
-        ({"particles": 0}, "particles = 0 must be a whole number from 50"),
-        ({"particles": 100.5}, "must be a whole number"),
-        ({"particles": True}, "must be a whole number"),
-        ({"measurement_sd": -1.0}, "measurement_sd = -1.0 must be a number from"),
-        ({"process_sd": "small"}, "process_sd = 'small' must be a number"),
-        ({"process_sd": float("nan")}, "must be a number"),
-        ({"gate_low": 0.9, "gate_high": 0.5}, "gate_low = 0.9 must be below gate_high = 0.5"),
-        ({"alpha_min": 2.0}, "must have 1, where the volatility starts, between them"),
-        ({"alpha_min": 5.0, "alpha_max": 2.0}, "alpha_min = 5 must be below alpha_max = 2"),
-        ({"coordinates": "linear"}, "coordinates = 'linear' must be one of log, logit"),
-        ({"moment_preserving": 1}, "moment_preserving = 1 must be true or false"),
-        ({"discount": 0.95, "shrinkage": 0.9}, "give one of them"),
-        ({"discount": 0.4}, "discount = 0.4 must be a number above 0.5"),
-        ({"volatility_blocks": ["T_i"]}, "must be a table of block name"),
-        ({"volatility_blocks": {"air": ["T_i"]}}, "must name every state node exactly once"),
-    ],
-    "magic": [({}, "unknown estimator 'magic'; the estimators are rbpf, ekf, ukf")],
-}
-
-
-@pytest.mark.parametrize(("name", "given", "gist"), [(name, *one) for name, found in MISTAKES.items() for one in found])
+@tabled
 def test_a_mistake_is_named(name, given, gist):
     with pytest.raises(OptionsError) as caught:
         resolve(name, given)
@@ -104,15 +52,7 @@ def test_the_paper_presets_are_the_papers():
     assert resolve("ukf", {"preset": "paper"}, 300.0, network("ecolar-6r4c")).measurement_sd == 0.1
 
 
-@pytest.mark.parametrize(
-    ("name", "given", "walks", "chances"),
-    [
-        ("rbpf", {}, ["volatility_sd", "process_sd"], ["jump_probability"]),
-        ("ekf", {}, ["process_sd", "parameter_sd"], []),
-        ("ukf", {}, ["process_sd", "parameter_sd"], []),
-        ("mkf", {"preset": "free"}, ["process_sd", "parameter_sd"], ["gain_on_probability"]),
-    ],
-)
+@tabled
 def test_two_short_steps_add_the_variance_of_a_long_one_and_jump_as_often(name, given, walks, chances):
     long, short = resolve(name, given), resolve(name, given, 300.0)
     for walk in walks:

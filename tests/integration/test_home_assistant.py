@@ -38,24 +38,7 @@ PAGE = (ROOT / "docs" / "home-assistant.md").read_text(encoding="utf-8")
 FORECAST = "sensor.thermogate_living_forecast"
 NOISE = ((0.04, 0.05, 0.06),)
 
-HOUSE = """
-input_number:
-  room: {min: 0, max: 40, step: 0.1, initial: 20.5}
-  outdoor: {min: -20, max: 40, step: 0.1, initial: 4.0}
-input_boolean:
-  heater:
-template:
-  - sensor:
-      - {name: Room, state: "{{ states('input_number.room') }}", unit_of_measurement: °C, device_class: temperature}
-      - {name: Outdoor temperature, state: "{{ states('input_number.outdoor') }}", unit_of_measurement: °C}
-climate:
-  - platform: generic_thermostat
-    name: Living
-    heater: input_boolean.heater
-    target_sensor: sensor.room
-    target_temp: 22
-    initial_hvac_mode: heat
-"""
+HOUSE = Path(__file__).with_name("house.yaml").read_text(encoding="utf-8")
 
 
 def block(mark: str) -> str:
@@ -277,17 +260,7 @@ def test_a_zone_learns_from_what_the_recorder_has_kept(home: tuple[HomeAssistant
     places = {name: {"topic": name} for name in sites.UNITS}
     zone = sites.zone("room", "home", places, network="titeth", estimator="ekf")
     plant = sites.written(tmp_path, {"home": {"kind": "mqtt", "host": "127.0.0.1"}}, [zone])
-    history = """
-        [sources.past]
-        kind = "home-assistant"
-        file = "FOLDER/home-assistant_v2.db"
-        [[zones]]
-        id = "room"
-        [zones.channels]
-        T_i = { source = "past", entity = "sensor.study", unit = "degC" }
-        T_out = { source = "past", entity = "sensor.outdoor", unit = "degC" }
-        u_heat = { source = "past", entity = "climate.study", attribute = "hvac_action", unit = "W", scale = 1500.0 }
-    """.replace("FOLDER", str(folder))
+    history = Path(__file__).with_name("recorder.toml").read_text(encoding="utf-8").replace("FOLDER", str(folder))
     (tmp_path / "history.toml").write_text(history)
     config = load_history(plant, tmp_path / "history.toml")
     (trace,) = learn(config, survey(config, config.zones, None, None), jobs=1).traces

@@ -17,16 +17,7 @@ HOME = Path(os.environ.get("THERMOGATE_HOME_ASSISTANT", Path(sys.prefix) / "home
 """Where `make home-assistant` installs it."""
 
 _CLIENT = "http://127.0.0.1/"
-_SETTINGS = """
-homeassistant:
-  name: Test
-  unit_system: metric
-  time_zone: UTC
-http:
-  server_host: 127.0.0.1
-  server_port: {port}
-frontend:
-"""
+_SETTINGS = Path(__file__).with_name("home-assistant.yaml").read_text(encoding="utf-8")
 
 
 def clean() -> dict[str, str]:

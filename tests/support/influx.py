@@ -32,22 +32,9 @@ def server(folder, port):
     """InfluxDB at `port` with the database "house": the keys `url`, `user` and `password_file` of a table."""
     if shutil.which("influxd") is None:
         pytest.skip("InfluxDB is not installed here (Debian: influxdb)")
-    (folder / "influxdb.conf").write_text(
-        f"""
-        reporting-disabled = true
-        bind-address = "127.0.0.1:{free_port()}"
-        [meta]
-        dir = "{folder}/meta"
-        [data]
-        dir = "{folder}/data"
-        wal-dir = "{folder}/wal"
-        [monitor]
-        store-enabled = false
-        [http]
-        bind-address = "127.0.0.1:{port}"
-        auth-enabled = true
-        """
-    )
+    settings = Path(__file__).with_name("influxdb.conf").read_text(encoding="utf-8")
+    settings = settings.format(own=free_port(), port=port, folder=folder)
+    (folder / "influxdb.conf").write_text(settings, encoding="utf-8")
     (folder / "password").write_text("test-only\n")
     table = {"url": f"http://127.0.0.1:{port}", "user": "reader", "password_file": folder / "password"}
     with serving(["influxd", "-config", str(folder / "influxdb.conf")], f"{table['url']}/ping"):

@@ -99,6 +99,13 @@ async def caught_up(zone, items):
     await until(lambda: (zone.now().status.last_sample_time, zone.now().status.state) == (items[-1].time, "running"))
 
 
+async def through(zone, items):
+    """Until the zone has run over `items`, and was ended."""
+    running = await fed(zone, items)
+    await caught_up(zone, items)
+    await finished(zone, running)
+
+
 def straight(items):
     alone = worker()
     return [comparable(alone.step(item)) for item in items]

@@ -75,23 +75,22 @@ def test_options_are_written_after_the_name_or_given_as_in_fit():
     pd.testing.assert_frame_equal(one, other)
 
 
+def compared(*estimators):
+    return lambda: tg.compare(TABLE, [*estimators], "tite", columns=COLUMNS)
+
+
+def backtested(table=TABLE, **settings):
+    return lambda: tg.backtest(table, "tite", **{"columns": COLUMNS, **settings})
+
+
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (
-            lambda: tg.compare(TABLE, ["kalman"], "tite", columns=COLUMNS),
-            "estimators: kalman: there is no 'kalman'; the",
-        ),
-        (
-            lambda: tg.compare(TABLE, ["mkf:particles=-1"], "tite", columns=COLUMNS),
-            "estimators: mkf:particles=-1: .*particles",
-        ),
-        (lambda: tg.backtest(TABLE, "tite"), 'no column "T_i" for T_i'),
-        (lambda: tg.backtest(TABLE, "tite", columns=COLUMNS, colour=1), "colour: is not a known key"),
-        (
-            lambda: tg.backtest(TABLE.iloc[:1], "tite", columns=COLUMNS, period="30min"),
-            "no two usable samples in a row",
-        ),
+        (compared("kalman"), "estimators: kalman: there is no 'kalman'; the"),
+        (compared("mkf:particles=-1"), "estimators: mkf:particles=-1: .*particles"),
+        (backtested(columns={}), 'no column "T_i" for T_i'),
+        (backtested(colour=1), "colour: is not a known key"),
+        (backtested(TABLE.iloc[:1], period="30min"), "no two usable samples in a row"),
     ],
 )
 def test_a_mistake_is_one_sentence(call, sentence):

@@ -1,5 +1,7 @@
 """`tg.load` of a state folder: what a daemon has learned of a zone, in a notebook."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -20,40 +22,13 @@ PERIOD = 1800
 OUTPUTS, INPUTS, SETPOINTS = recorded(4, PERIOD)
 TABLE = table(4)
 CUT = 3 * 48
-CONFIG = """
-[site]
-id = "plant"
-time_zone = "Europe/Berlin"
-
-[sources.bms]
-kind = "mqtt"
-host = "127.0.0.1"
-
-[[zones]]
-id = "office"
-period = "30min"
-network = "auto"
-estimator = "mkf"
-estimator_options = { particles = 16 }
-
-[zones.channels]
-T_i = { source = "bms", topic = "t", unit = "degF" }
-T_out = { source = "bms", topic = "o", unit = "degC", max_age = "2h" }
-u_heat = { source = "bms", topic = "p", unit = "kW" }
-
-[zones.setpoint]
-source = "bms"
-topic = "s"
-unit = "degC"
-"""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """What a daemon leaves of the first days, with the newest checkpoint some samples before the end."""
     folder = tmp_path_factory.mktemp("state")
-    (folder / "plant.toml").write_text(CONFIG)
-    config = load(folder / "plant.toml", [f'site.state_dir="{folder}"'])
+    config = load(Path(__file__).with_name("plant.toml"), [f'site.state_dir="{folder}"'])
     (zone,) = config.zones
     worker, journal, mark = make_worker(zone), Journal.open(folder / JOURNAL), fingerprint(zone)
     journal.claim("office", mark)

@@ -72,29 +72,20 @@ def test_columns_are_summed_then_scaled_then_converted(tmp_path):
     assert found == [(0.0, 1600.0), *faults]
 
 
-CELLS = {
-    ".": {"20": 20.0, " 21.5 ": 21.5, "-1e3": Fault.OUT_OF_RANGE, "81": Fault.OUT_OF_RANGE, "80": 80.0, "": None}
-    | dict.fromkeys(("NA", "n/a", "NULL", "None", "-", "  "))
-    | dict.fromkeys(("nan", "-inf", "1e999"), Fault.NOT_FINITE)
-    | dict.fromkeys(("broken", "1_000", "21,5", "21.5 C"), Fault.NON_NUMERIC),
-    ",": {"21,5": 21.5, "-3": -3.0, "1.234": Fault.NON_NUMERIC, "1.234,5": Fault.NON_NUMERIC},
-}
-
-
-@pytest.mark.parametrize("decimal", CELLS)
-def test_each_bad_cell_is_delivered_with_its_fault_and_missing_ones_not_at_all(tmp_path, decimal):
-    lines = ["t;T", *(f"{second};{cell}" for second, cell in enumerate(CELLS[decimal]))]
+@tabled
+def test_each_bad_cell_is_delivered_with_its_fault_and_missing_ones_not_at_all(tmp_path, decimal, cells):
+    lines = ["t;T", *(f"{second};{cell}" for second, cell in enumerate(cells))]
     path = write(tmp_path / "a.csv", "\n".join(lines))
     channel = {"id": "z/T", "column": "T", "unit": "degC"}
     layout = {"delimiter": ";", "decimal": decimal, "format": "epoch"}
     got = readings(source(path, channels=[channel], **layout))
     assert {reading.time: reading.fault or reading.value for reading in got} == {
-        float(second): expected for second, expected in enumerate(CELLS[decimal].values()) if expected is not None
+        float(second): expected for second, expected in enumerate(cells.values()) if expected is not None
     }
     for reading in got:
         assert isnan(reading.value) == (reading.quality is Quality.BAD) == (reading.fault is not None)
     # A number that stands alone is read by a shorter way, which has to agree.
-    for cell, expected in CELLS[decimal].items():
+    for cell, expected in cells.items():
         path.write_text(f"t;T\n0;{cell}\n")
         alone = [one.fault or one.value for one in readings(source(path, channels=[channel], **layout))]
         assert alone == ([] if expected is None else [expected])

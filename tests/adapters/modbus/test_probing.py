@@ -82,13 +82,7 @@ def test_a_counter_is_read_twice(order, before, after, verdict):
         assert f"CDAB would stand at {before:g}, which is plausible" in found.hints
 
 
-@pytest.mark.parametrize(
-    ("stand", "verdict"),
-    [
-        (1234.5, "doubtful: it stands higher than it could in fifty years"),
-        (4096.0, "doubtful: no counter stands there"),
-    ],
-)
+@tabled
 def test_a_float_counter_in_the_wrong_order_is_doubted(stand, verdict):
     (found,) = probe(words(">f", stand)[::-1], channel("u_heat", 0, **METER))
     assert found.verdict == verdict

@@ -12,6 +12,7 @@ from pymodbus.constants import ExcCodes
 from pymodbus.framer import FramerType
 from support.modbus_plant import READS, channel, plant, serving, source
 from support.sources import becomes, collect, exhaust, values
+from support.tables import tabled
 
 import adapters.modbus.source
 from adapters.errors import SourceUnavailable
@@ -69,18 +70,11 @@ async def test_all_tables_are_read_over_either_framing(transport, framer):
     assert {code for _, code, _, _ in site.asked} == READS
 
 
-@pytest.mark.parametrize(
-    ("limits", "requests"),
-    [
-        ({"fill_gaps": 6}, [(0, 10), (30, 1)]),
-        ({"fill_gaps": 6, "max_registers": 3}, [(0, 3), (9, 1), (30, 1)]),
-        ({"batch": False}, [(0, 1), (1, 1), (2, 1), (9, 1), (30, 1)]),
-    ],
-)
+@tabled
 async def test_a_poll_reads_in_batches_or_one_by_one(limits, requests):
     site = plant(holding=list(range(40)))
     await polled(site, [channel(f"c{k}", k) for k in (0, 1, 2, 9, 30)], all_of(5), **limits)
-    assert site.requests() == requests
+    assert [list(each) for each in site.requests()] == requests
 
 
 @pytest.mark.parametrize(("registers", "requests"), [(125, [(0, 61)]), (2, [(0, 31), (60, 1)])])

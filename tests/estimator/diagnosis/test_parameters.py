@@ -4,7 +4,7 @@ import tomllib
 from dataclasses import replace
 
 import numpy as np
-import pytest
+from support.tables import tabled
 
 from estimator.diagnosis.finding import AT_BOUND, NARROWER_BOUNDS, NOT_IDENTIFIED
 from estimator.diagnosis.parameters import LEVELS, at_bound, narrower_bounds, not_identified
@@ -24,16 +24,7 @@ def summary(**places):
     return ParameterSummary(np.array(LEVELS), np.array(rows), np.ones((2, 5)), np.ones(5))
 
 
-@pytest.mark.parametrize(
-    ("place", "end"),
-    [
-        ((0.001, 0.002, 0.02, 0.2, 0.3), "lower"),
-        ((0.7, 0.9, 0.98, 0.999, 1.0), "upper"),
-        ((0.001, 0.01, 0.4, 0.6, 0.7), None),
-        ((0.025, 0.05, 0.5, 0.95, 0.975), None),
-        (MIDDLE, None),
-    ],
-)
+@tabled
 def test_a_posterior_that_leans_against_a_bound_is_a_finding(place, end):
     found = at_bound(NETWORK, summary(C_e=place))
     if end is None:

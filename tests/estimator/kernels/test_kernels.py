@@ -41,32 +41,29 @@ def both(preset, space, period=600.0):
     return ReferenceSteps(preset, space, period, block, 0.01), CompiledSteps(preset, space, period, block, 0.01)
 
 
-@pytest.mark.parametrize("logit", [True, False])
-@pytest.mark.parametrize("name", PRESETS)
-def test_propagate(name, logit):
-    for seed, count in enumerate(COUNTS):
-        preset, space, *arrays = setup(name, seed, logit, count)
-        oracle, compiled = both(preset, space, 600.0)
-        expected, actual = oracle.propagate(*arrays), compiled.propagate(*arrays)
-        np.testing.assert_allclose(actual[0], expected[0], rtol=RTOL)
-        np.testing.assert_allclose(actual[1], expected[1], rtol=RTOL, atol=1e-12)
-
-
-def test_propagate_with_fixed_parameters_and_with_none_free():
-    for fixed in (["C_i", "C_h", "C_s", "g_is"], [p.name for p in network("building-67").parameters]):
-        preset, space, *arrays = setup("building-67", 5, True, 70, fixed)
-        oracle, compiled = both(preset, space, 600.0)
-        expected, actual = oracle.propagate(*arrays), compiled.propagate(*arrays)
-        np.testing.assert_allclose(actual[0], expected[0], rtol=RTOL)
-
-
-@pytest.mark.parametrize("period", [1.0, 60.0, 3600.0, 86400.0])
-def test_propagate_over_short_and_long_steps(period):
-    preset, space, *arrays = setup("m8", 2, True, 130)
+def assert_propagated_alike(made, period=600.0):
+    preset, space, *arrays = made
     oracle, compiled = both(preset, space, period)
     expected, actual = oracle.propagate(*arrays), compiled.propagate(*arrays)
     np.testing.assert_allclose(actual[0], expected[0], rtol=RTOL)
     np.testing.assert_allclose(actual[1], expected[1], rtol=RTOL, atol=1e-12)
+
+
+@pytest.mark.parametrize("logit", [True, False])
+@pytest.mark.parametrize("name", PRESETS)
+def test_propagate(name, logit):
+    for seed, count in enumerate(COUNTS):
+        assert_propagated_alike(setup(name, seed, logit, count))
+
+
+def test_propagate_with_fixed_parameters_and_with_none_free():
+    for fixed in (["C_i", "C_h", "C_s", "g_is"], [p.name for p in network("building-67").parameters]):
+        assert_propagated_alike(setup("building-67", 5, True, 70, fixed))
+
+
+@pytest.mark.parametrize("period", [1.0, 60.0, 3600.0, 86400.0])
+def test_propagate_over_short_and_long_steps(period):
+    assert_propagated_alike(setup("m8", 2, True, 130), period)
 
 
 def test_reweigh_takes_a_broken_particle_for_impossible():

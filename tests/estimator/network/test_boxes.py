@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from support.tables import tabled
 
 from estimator.errors import NetworkError
 from estimator.network.boxes import PER_AREA, WIDEST, boxed
@@ -10,28 +11,13 @@ from estimator.network.presets import PRESETS, SOLAR_APERTURE, network
 
 GENERIC = [name for name in PRESETS if name != "building-67"]
 
-BUILDINGS = {
-    "a room of 20 m2": {"C_i": 6e5, "C_e": 2e6, "C_h": 3e3, "g_ie": 90.0, "g_e_out": 12.0, "g_i_out": 8.0, "A_w": 0.5},
-    "a passive house of 150 m2": {"C_i": 1e7, "C_e": 4e7, "g_ie": 900.0, "g_e_out": 25.0, "g_i_out": 20.0, "A_w": 7.0},
-    "an old house of 180 m2": {"C_i": 8e6, "C_e": 7e7, "C_h": 4e5, "g_ie": 1500.0, "g_e_out": 400.0, "g_i_out": 120.0},
-    "a hall of 2,000 m2": {
-        "C_i": 6e7,
-        "C_e": 1.5e9,
-        "C_h": 2e7,
-        "g_ie": 2e4,
-        "g_e_out": 8e3,
-        "g_ih": 2e4,
-        "A_w": 400.0,
-    },
-}
 
-
-@pytest.mark.parametrize("building", BUILDINGS)
-def test_the_widest_box_holds_rooms_dwellings_and_halls(building):
+@tabled
+def test_the_widest_box_holds_rooms_dwellings_and_halls(building, values):
     net = boxed(network("titethria").with_solar("T_i", SOLAR_APERTURE)).validate()
-    for name, value in BUILDINGS[building].items():
+    for name, value in values.items():
         parameter = net.parameter(name)
-        assert parameter.lower < value < parameter.upper, name
+        assert parameter.lower < value < parameter.upper, (building, name)
 
 
 @pytest.mark.parametrize("name", GENERIC)

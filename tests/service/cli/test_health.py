@@ -6,6 +6,7 @@ import threading
 from contextlib import ExitStack
 
 import pytest
+from support.tables import tabled
 from support.web_answers import answering
 
 from service.cli.main import main
@@ -38,31 +39,10 @@ def health(capsys, *words):
     return code, line
 
 
-def behind(*states):
-    zones = [{"id": f"z{number}", "state": state} for number, state in enumerate(states)]
-    return 503, {"detail": "zone 'z0' is behind", "zones": zones}
-
-
-HANGS = (503, {"detail": "the journal has not answered for 61 s"})
-BOTH = ["/healthz", "/readyz"]
-
-
-@pytest.mark.parametrize(
-    ("alive", "ready", "words", "expected", "paths"),
-    [
-        (ALIVE, (200, {"zones": [{}, {}]}), [], (0, "OK - zones running: 2"), BOTH),
-        (ALIVE, (200, {"zones": [{}] * 20, "zone_count": 5000}), [], (0, "OK - zones running: 5000"), BOTH),
-        (ALIVE, behind("stalled", "waiting"), [], (1, "WARNING - zone 'z0' is behind"), BOTH),
-        (ALIVE, behind("stalled", "failed"), [], (2, "CRITICAL - zone 'z0' is behind"), BOTH),
-        (ALIVE, (401, {"detail": "this needs an API key"}), [], (3, f"UNKNOWN - {NO_KEY}"), BOTH),
-        (ALIVE, (503, {"detail": "too many connections"}), [], (3, "UNKNOWN - too many connections"), BOTH),
-        (ALIVE, (200, {}), ["--alive"], (0, "OK - version 1.2.3, up for 60 s"), ["/healthz"]),
-        (HANGS, (200, {}), [], (2, "CRITICAL - the journal has not answered for 61 s"), ["/healthz"]),
-    ],
-)
+@tabled
 def test_what_a_daemon_answers(serve, capsys, alive, ready, words, expected, paths):
     url, asked = serve({"/healthz": alive, "/readyz": ready})
-    assert health(capsys, "--url", f"{url}/", *words) == expected
+    assert health(capsys, "--url", f"{url}/", *words) == tuple(expected)
     assert asked == [(path, None) for path in paths]
 
 

@@ -11,7 +11,6 @@ from adapters.fields.durations import format_duration, parse_duration
 from service.cli.show import summary
 from service.config.fitting import fingerprint
 from service.config.load import load
-from service.errors import ConfigError
 
 
 def test_relative_paths_are_taken_from_the_folder_of_the_file_and_home_is_expanded(
@@ -33,13 +32,6 @@ def test_windows_line_ends_and_byte_order_mark(tmp_path: Path) -> None:
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
 
     assert [zone.id for zone in load(path).zones] == ["living", "bedroom"]
-
-
-@pytest.mark.parametrize("deep", ["[" + ".".join("a" * 20_000) + "]", "a = " + "[" * 20_000 + "]" * 20_000])
-def test_what_is_nested_without_end_is_the_operators_mistake(tmp_path: Path, deep: str) -> None:
-    (tmp_path / "deep.toml").write_text(deep)
-    with pytest.raises(ConfigError, match="nested too deeply"):
-        load(tmp_path / "deep.toml")
 
 
 @tabled

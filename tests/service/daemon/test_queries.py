@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import zenoh
+from anyio.from_thread import start_blocking_portal
 from fastapi import FastAPI
 from support.http_client import get, post
 from support.processes import free_port
@@ -33,13 +34,8 @@ def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[FastAPI, Fas
 
 @pytest.fixture(scope="module")
 def loop() -> Iterator[asyncio.AbstractEventLoop]:
-    loop = asyncio.new_event_loop()
-    thread = threading.Thread(target=loop.run_forever)
-    thread.start()
-    yield loop
-    loop.call_soon_threadsafe(loop.stop)
-    thread.join()
-    loop.close()
+    with start_blocking_portal() as portal:
+        yield portal.call(asyncio.get_running_loop)
 
 
 @pytest.fixture(scope="module")

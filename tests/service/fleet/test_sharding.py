@@ -3,9 +3,11 @@
 from collections import Counter
 from math import sqrt
 from pathlib import Path
+from typing import Any
 
 import pytest
-from support.campus import told_by_clients
+from support import sites
+from support.campus import posted, told_by_clients
 
 from service.config.load import load
 from service.fleet.plan import Plan, shard_names
@@ -40,31 +42,17 @@ def test_a_shard_that_is_added_or_removed_moves_no_other_zone(shards: int) -> No
     assert {zone for zone in ZONES if after[zone] != without[zone]} == {z for z in ZONES if after[z] == names[0]}
 
 
-DEVICES = """
-[sources.{name}]
-kind = "modbus"
-host = "{name}.example"
-first_register = 0
-type = "int16"
-"""
-ZONE = """
-[[zones]]
-id = "{zone}"
-period = "5min"
-network = "tite"
-[zones.channels]
-T_i = {{ source = "{own}", register = 1, unit = "degC" }}
-T_out = {{ source = "{shared}", register = 2, unit = "degC" }}
-u_heat = {{ source = "{own}", register = 3, unit = "W" }}
-"""
-
-
 def test_zones_that_read_from_one_device_share_a_shard_and_others_go_by_themselves(tmp_path: Path) -> None:
-    path = tmp_path / "site.toml"
-    text = "[site]\nid = 'campus'\n" + "".join(DEVICES.format(name=name) for name in ("alpha", "beta", "gamma"))
-    zones = {"a1": ("alpha", "alpha"), "a2": ("alpha", "alpha"), "b1": ("beta", "beta"), "b2": ("gamma", "beta")}
-    text += "".join(ZONE.format(zone=zone, own=own, shared=shared) for zone, (own, shared) in zones.items())
-    path.write_text(text + told_by_clients("posted", 600) + '[sources.clients]\nkind = "http"\n', encoding="utf-8")
+    line = {"kind": "modbus", "first_register": 0, "type": "int16"}
+    devices: dict[str, Any] = {name: line | {"host": f"{name}.example"} for name in ("alpha", "beta", "gamma")}
+    registers = {name: {"register": place} for place, name in enumerate(sites.UNITS)}
+    rooms = {"a1": ("alpha", "alpha"), "a2": ("alpha", "alpha"), "b1": ("beta", "beta"), "b2": ("gamma", "beta")}
+    zones = [
+        sites.zone(room, own, registers | {"T_out": {"source": shared, "register": 9}})
+        for room, (own, shared) in rooms.items()
+    ]
+    zones.append(posted("posted", 600))
+    path = sites.written(tmp_path, {**devices, "clients": {"kind": "http"}}, zones)
     config = load(path)
     assert keys(config) == {
         "a1": "source/alpha",

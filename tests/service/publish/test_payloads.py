@@ -4,9 +4,11 @@ import json
 import math
 from dataclasses import replace
 from datetime import UTC, datetime
+from typing import Any
 
 import pytest
 from support.fake_zones import make_update, running
+from support.tables import tabled
 
 from adapters.reading import Quality
 from estimator.diagnosis.finding import AT_BOUND, METER_DEAD, Diagnosis, Finding
@@ -18,7 +20,7 @@ from service.publish.payloads import (
     vouched,
 )
 from service.records.record import document
-from service.records.update import Gate, Update, Volatility
+from service.records.update import Gate, Volatility
 
 
 def written(one: object) -> dict:
@@ -45,25 +47,12 @@ def test_what_is_not_finite_is_null(value: float) -> None:
     assert (told["n_eff"], told["volatility"]["median"]) == (None, None)
 
 
-def with_input(update: Update, **changes: object) -> Update:
+@tabled
+def test_quality_is_the_worst_of_inputs_and_outcome(outcome: str, input: dict[str, Any], expected: str) -> None:
+    update = make_update(0)._replace(outcome=outcome)
     first, *others = update.forecast.inputs
-    return update._replace(forecast=update.forecast._replace(inputs=(replace(first, **changes), *others)))
-
-
-@pytest.mark.parametrize(
-    ("update", "expected"),
-    [
-        (make_update(0), Quality.GOOD),
-        (make_update(0)._replace(outcome="started"), Quality.GOOD),
-        (make_update(0)._replace(outcome="missing"), Quality.UNCERTAIN),
-        (make_update(0)._replace(outcome="vanished"), Quality.BAD),
-        (with_input(make_update(0), quality=Quality.UNCERTAIN), Quality.UNCERTAIN),
-        (with_input(make_update(0), held=True, age=300.0), Quality.UNCERTAIN),
-        (with_input(make_update(0)._replace(outcome="missing"), quality=Quality.BAD), Quality.BAD),
-    ],
-)
-def test_quality_is_the_worst_of_inputs_and_outcome(update: Update, expected: Quality) -> None:
-    assert quality(update) is expected
+    first = replace(first, **input | {"quality": Quality(input.get("quality", first.quality))})
+    assert quality(update._replace(forecast=update.forecast._replace(inputs=(first, *others)))) == expected
 
 
 def test_a_forecast_names_what_is_suspected_of_its_telemetry_beside_its_quality() -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from support.harness import EXAMPLES
+from support.tables import tabled
 
 from estimator.heat.sun import Location
 from service.config.load import load
@@ -108,14 +109,7 @@ def test_a_short_history_is_named():
     assert found.startswith("it covers 0.4 days")
 
 
-@pytest.mark.parametrize(
-    ("fault", "remedy"),
-    [
-        ("out_of_range", "its unit, its scale and the range `valid`"),
-        ("naive_timestamp", 'the time zone of its times, such as zone = "Europe/Berlin" in `timestamp`'),
-        ("stuck", "what the source delivers"),
-    ],
-)
+@tabled
 def test_many_refused_readings_are_told_with_what_to_look_at(fault, remedy):
     values = np.stack([ROOM, OUTDOORS, HEATING], axis=1)
     few = {"duplicated": 3}

@@ -20,6 +20,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 from support.certificates import make_pair
 from support.running_zone import Announced, fed, finished, make, plumbing, straight
+from support.tables import tabled
 from support.zone_samples import comparable, sample
 
 from service.cli.main import main
@@ -200,14 +201,7 @@ def test_root_ends_no_transaction_that_the_account_has_made_up(kept: Path, tmp_p
     assert secret.exists()
 
 
-@pytest.mark.parametrize(
-    "statement",
-    [
-        "DROP TABLE pruned; CREATE VIEW pruned AS WITH RECURSIVE n(time, zone) AS (SELECT 1, 'z' UNION ALL SELECT "
-        "time + 1, zone FROM n) SELECT zone, time FROM n",
-        "ALTER TABLE history ADD COLUMN more CHECK (length(hex(zeroblob(200000000))) > time)",
-    ],
-)
+@tabled
 def test_a_journal_without_end_is_not_read(statement: str, kept: Path, tmp_path: Path) -> None:
     with closing(sqlite3.connect(tmp_path / "state" / JOURNAL)) as journal:
         journal.executescript(statement)
@@ -236,17 +230,7 @@ def test_what_sqlite_opens_is_compared_with_what_was_looked_at(tmp_path: Path, m
         pass
 
 
-@pytest.mark.parametrize(
-    ("statement", "told"),
-    [
-        ("CREATE TRIGGER silent BEFORE INSERT ON samples BEGIN SELECT RAISE(IGNORE); END", "has the trigger 'silent'"),
-        ("CREATE VIEW v AS SELECT 1", "has the view 'v'"),
-        ("CREATE UNIQUE INDEX i ON samples (outputs)", "has the index 'i'"),
-        ("CREATE TABLE more (x)", "has the table 'more'"),
-        ("ALTER TABLE samples ADD COLUMN x GENERATED ALWAYS AS (1)", "has the table 'samples'"),
-        ("DROP TABLE forgotten", "lacks the table 'forgotten'"),
-    ],
-)
+@tabled
 def test_a_journal_that_would_do_something_of_its_own_is_not_restored(
     statement: str, told: str, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -266,15 +250,7 @@ def test_a_journal_that_would_do_something_of_its_own_is_not_restored(
     assert os.listdir(tmp_path / "new") == ["lock"]
 
 
-@pytest.mark.parametrize(
-    ("state", "out", "told"),
-    [
-        ("state", "mnt", r"there is no folder .*/mnt; make it, or name a new file"),
-        ("nothing", "out.tar", r"no state in .*correct site.state_dir"),
-        ("state", "no such folder/out.tar", "cannot be written"),
-        ("interrupted", "out.tar", "interrupted; run `thermogate restore` again"),
-    ],
-)
+@tabled
 def test_what_cannot_be_backed_up_leaves_nothing(state: str, out: str, told: str, kept: Path, tmp_path: Path) -> None:
     (tmp_path / "interrupted" / RESTORING).mkdir(parents=True)
     before = sorted(tmp_path.iterdir())

@@ -6,6 +6,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from support.tables import tabled
 
 from service.errors import JournalError
 from service.store.journal import Journal
@@ -60,18 +61,7 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
         Journal.open(tmp_path / "file" / "journal.sqlite3")
 
 
-@pytest.mark.parametrize(
-    ("name", "remedy"),
-    {
-        "SQLITE_FULL": "free space on its disk",
-        "SQLITE_BUSY_SNAPSHOT": "stop the other process that writes to it",
-        "SQLITE_LOCKED": "stop the other process that writes to it",
-        "SQLITE_READONLY_DIRECTORY": "make the file and its folder writable",
-        "SQLITE_CANTOPEN": "make its folder readable and writable",
-        "SQLITE_CORRUPT": "whether its disk has failed.*if the file itself is damaged",
-        "SQLITE_IOERR_READ": "check the disk it is on",
-    }.items(),
-)
+@tabled
 def test_what_sqlite_says_is_told_with_its_remedy(name: str, remedy: str, path: Path) -> None:
     error = sqlite3.DatabaseError("as\n  SQLite has it")
     error.sqlite_errorname = name

@@ -17,7 +17,7 @@ from service.errors import JournalError, ServiceError
 from service.store import store as module
 from service.store.checkpoint import Checkpoint
 from service.store.store import Store
-from service.web.keys import create_key
+from service.web.keys import create_key, revoke_key
 
 
 @pytest.fixture
@@ -98,6 +98,7 @@ def test_only_the_owner_can_look_in(tmp_path: Path) -> None:
         store.checkpoints.save("living", Checkpoint("f", 0, {}, {}))
         store.close()
         create_key(folder / "keys.json", "one", "read")
+        revoke_key(folder / "keys.json", "one")
     finally:
         os.umask(before)
     found = {path: stat.S_IMODE(path.stat().st_mode) for path in (folder, *folder.rglob("*"))}

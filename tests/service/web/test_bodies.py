@@ -8,7 +8,7 @@ import httpx
 import pytest
 from fastapi import FastAPI, Response
 from support.fake_zones import running
-from support.http_client import get, post, problem, request
+from support.http_client import post, problem, request
 from support.tables import tabled
 
 from service.publish.metrics import Metrics
@@ -90,11 +90,6 @@ def test_plans_have_names_of_their_own(app: FastAPI) -> None:
         assert answer.status_code == status, answer.text
 
 
-def test_digits_are_those_of_ascii(app: FastAPI) -> None:
-    for query in ("horizon=\uff16h", "level=0.\uff19", "horizon=1h&level=\u0660.5"):
-        assert get(app, f"{PLAN}?{query}").status_code == 422
-
-
 async def test_bodies_of_all_clients_together_find_room_or_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bodies, "AT_ONCE", 3)
     monkeypatch.setattr(bodies, "AT_ONCE_OF_ONE", 2)
@@ -138,8 +133,3 @@ def test_a_body_that_no_route_reads_is_not_taken_in(app: FastAPI) -> None:
     for path in ("/healthz", "/zones", "/", "/openapi.json"):
         assert request(app, "POST", path, content=body()).status_code == 405
     assert not asked
-
-
-@pytest.mark.parametrize("moment", ["9999-12-31T23:59:59-14:00", "0001-01-01T00:00:00%2B14:00"])
-def test_the_end_of_time_is_no_failure(app: FastAPI, moment: str) -> None:
-    assert get(app, f"/zones/living/history?start={moment}").status_code == 422

@@ -24,27 +24,7 @@ SAID = json.loads((STATIC / "said-de.json").read_text(encoding="utf-8"))
 REPORTED = json.loads((ROOT / "replay" / "reports" / "report-de.json").read_text(encoding="utf-8"))
 GAP = re.compile(r"\{\{|\}\}|\{(\w+)\}")
 
-SPOKEN = {
-    "service/zone/health.py": None,
-    "service/zone/timeliness.py": ("lag",),
-    "service/zone/trust.py": None,
-    "service/zone/clock.py": ("implausible",),
-    "service/zone/worker.py": ("_unusable_inputs", "_step"),
-    "service/forecast/looking_back.py": None,
-    "service/forecast/room.py": None,
-    "estimator/diagnosis/balance.py": None,
-    "estimator/diagnosis/forecasts.py": None,
-    "estimator/diagnosis/members.py": None,
-    "estimator/diagnosis/parameters.py": None,
-    "estimator/diagnosis/telemetry/lies.py": None,
-    "estimator/diagnosis/thermostat.py": None,
-    "replay/reports/advice.py": None,
-    "replay/reports/page.py": None,
-    "replay/reports/plots.py": None,
-    "replay/reports/report.md": None,
-    "replay/reports/tables.py": None,
-    "replay/recorded/stored.py": ("_note",),
-}
+SPOKEN = json.loads(Path(__file__).with_name("spoken.json").read_text(encoding="utf-8"))
 """Where the sentences stand that the page and the report show, and in which functions of these files."""
 
 

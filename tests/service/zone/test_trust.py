@@ -1,6 +1,5 @@
 """Trust: lost at once, won back by hours of better forecasts, and said with a reason."""
 
-import math
 from dataclasses import replace
 
 import pytest
@@ -90,29 +89,9 @@ def test_a_good_last_day_makes_up_for_the_days_before(bad):
         assert level(after(fallen, skill(good | not_enough, **bad), hours=2 * RISES)) != "trusted"
 
 
-def test_trust_that_wavers_at_a_threshold_does_not_flap():
-    trust, levels = after(Trust(), skill()), []
-    for hour in range(60):
-        trust = after(trust, skill(coverage=0.84 if hour % 2 else 0.86))
-        levels.append(level(trust))
-    assert levels[0] == "trusted"
-    assert set(levels[1:]) == {"doubtful"}
-
-
-@pytest.mark.parametrize(
-    ("found", "expected", "words"),
-    [
-        (as_issued(0.34), "doubtful", "6 h ahead held 34 % of what came in the last day"),
-        (as_issued(0.84), "doubtful", "6 h ahead held 84 % of what came in 7 days"),
-        (as_issued(0.95, day=0.5), "doubtful", "50 % of what came in the last day"),
-        (as_issued(0.34, forecasts=20, of_day=12), "doubtful", "34 %"),
-        (as_issued(0.34, forecasts=11, of_day=11), "trusted", ""),
-        (as_issued(0.86), "trusted", ""),
-        (as_issued(math.nan, forecasts=0, of_day=0), "trusted", ""),
-    ],
-)
-def test_a_fan_that_held_too_little_as_it_was_issued_is_never_trusted(found, expected, words):
-    trust = after(Trust(), found)
+@tabled
+def test_a_fan_that_held_too_little_as_it_was_issued_is_never_trusted(held, expected, words):
+    trust = after(Trust(), as_issued(**held))
     one = trust.horizons[1]
     assert (one.level, one.planned) == (expected, "trusted")
     assert words in one.reason
@@ -130,24 +109,9 @@ def outdone(arx=0.5, yesterday=0.5, rmse=0.4, day=None, **near):
     return skill_over(0, {1: days, 7: weeks, 30: weeks}, dict.fromkeys((1, 7, 30), issued))
 
 
-@pytest.mark.parametrize(
-    ("found", "expected", "told", "up_to"),
-    [
-        (outdone(), "trusted", "", 21600),
-        (outdone(arx=0.36), "trusted", "", 21600),
-        (
-            outdone(arx=0.3),
-            "doubtful",
-            "a simple estimate from the last hours is the better forecast: off by 0.30 K",
-            300,
-        ),
-        (outdone(yesterday=0.3), "doubtful", "the same hour yesterday is the better forecast: off by 0.30 K", 300),
-        (outdone(rmse=0.2, arx=0.1), "trusted", "a simple estimate from the last hours is the better", 300),
-        (outdone(arx=0.3, day=0.2), "trusted", "a simple estimate from the last hours is the better", 300),
-    ],
-)
-def test_a_model_that_a_simpler_forecast_outdoes_says_so(found, expected, told, up_to):
-    trust = after(Trust(), found)
+@tabled
+def test_a_model_that_a_simpler_forecast_outdoes_says_so(errors, expected, told, up_to):
+    trust = after(Trust(), outdone(**errors))
     assert (trust.horizons[1].level, trust.horizons[1].planned) == (expected, "trusted")
     assert trust.good_up_to == up_to
     assert told in trust.beaten
@@ -224,10 +188,3 @@ def test_a_zone_that_cannot_vouch_for_its_forecasts_is_not_trusted():
     assert {(one.level, one.planned, one.reason) for one in told.horizons} == {
         ("untrusted", "untrusted", "the zone is stalled: no reading of T_out")
     }
-
-
-def test_nothing_verified_yet_is_no_mistake():
-    none = HorizonSkill.of(300, 0, *[math.nan] * 6)
-    trust = after(Trust(), skill_over(0, dict.fromkeys((1, 7, 30), (none,))))
-    assert level(trust, 0) == "learning"
-    assert not trust.disturbed

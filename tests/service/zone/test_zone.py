@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numba.core.errors import NumbaError
 from support.forecasts import question
-from support.running_zone import Announced, caught_up, fed, finished, make, plumbing, straight
+from support.running_zone import Announced, caught_up, fed, finished, make, plumbing, straight, through
 from support.waiting import until
 from support.zone_samples import PERIOD, comparable, sample, worker
 
@@ -53,9 +53,7 @@ async def test_a_checkpoint_that_is_due_while_a_step_fails_does_not_skip_its_sam
     # A checkpoint is due before every step.
     async with plumbing(tmp_path, checkpoint_every=1e-9) as shared:
         zone = Zone("z", "rbpf", "mark", failing, shared)
-        running = await fed(zone, items)
-        await caught_up(zone, items)
-        await finished(zone, running)
+        await through(zone, items)
         assert [row.time for row in await zone.history(None, None, 100)] == [item.time for item in items]
         assert comparable(zone.now().update) == straight(items)[-1]
 
@@ -66,9 +64,7 @@ async def test_a_sample_that_always_fails_is_passed_over_and_the_zone_goes_on(tm
             items = [sample(k) for k in range(30)]
             failures = {items[10].time: 10**6}
             zone = make(shared, failures)
-            running = await fed(zone, items)
-            await caught_up(zone, items)
-            await finished(zone, running)
+            await through(zone, items)
             assert 10**6 - failures[items[10].time] >= ATTEMPTS
             rows = await zone.history(None, None, 100)
             assert items[10].time not in [row.time for row in rows]
@@ -96,9 +92,7 @@ async def test_no_sample_is_passed_over_because_the_disk_is_full(tmp_path, caplo
     async with plumbing(tmp_path) as shared:
         items = [sample(k) for k in range(12)]
         zone = make(shared, {items[5].time: 3 * ATTEMPTS}, error=OSError(28, "No space left on device"))
-        running = await fed(zone, items)
-        await caught_up(zone, items)
-        await finished(zone, running)
+        await through(zone, items)
         assert [row.time for row in await zone.history(None, None, 100)] == [item.time for item in items]
         assert comparable(zone.now().update) == straight(items)[-1]
     assert "passes over" not in caplog.text

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.tables import tabled
 
 from replay.errors import ReplayError
 from replay.lab.experiments.recordings import at_hand
@@ -38,16 +39,7 @@ def test_a_file_that_is_not_there_is_no_recording(tmp_path: Path) -> None:
     assert len(FILES) == 7
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "said"),
-    [
-        ("OU44 22-508-1", HEAD, "it has no rows of the room"),
-        ("OU44 22-508-1", HEAD + "22-508-1,yesterday,20,0,0,0,9,6\n", "is not what docs/benchmark.md says"),
-        ("armadillo", "Time,T_ext,T_int\n0,1,2\n0,1,2\n", "'P_hea' is not what docs/benchmark.md says"),
-        ("armadillo", "T_ext,P_hea,I_sol,T_int\n1,x,2,3\n1,1,2,3\n", "could not convert string to float: 'x' is not"),
-        ("armadillo", "T_ext,P_hea,I_sol,T_int\n1,1,,3\n1,1,2,3\n", "it has gaps"),
-    ],
-)
+@tabled
 def test_a_file_of_another_layout_is_refused_in_one_sentence(name: str, text: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(ReplayError, match=said):
         at_hand(written(tmp_path, text, ROOMS[name].file), [name])
