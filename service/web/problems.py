@@ -5,7 +5,7 @@ import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from http import HTTPStatus
-from typing import Any
+from typing import Any, get_args, get_origin
 
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
@@ -57,13 +57,21 @@ def problem_response(description: str) -> dict[str, Any]:
 
 
 async def known_parameters(request: Request) -> None:
-    """Dependency of every described route: RequestRefused for query parameters that it has not, for a misspelt one
-    would otherwise be ignored."""
-    known = {parameter.alias for parameter in request.scope["route"].dependant.query_params}
-    if unknown := request.query_params.keys() - known:
-        raise invalid(
-            [f"query parameter '{name}' is not known; /docs lists the known ones" for name in sorted(unknown)]
-        )
+    """Dependency of every described route: RequestRefused for query parameters that it has not, or only once, for what
+    is misspelt or given again would otherwise be ignored; and for numbers as Python writes them."""
+    known = {one.alias: one.field_info.annotation for one in request.scope["route"].dependant.query_params}
+    mistakes = []
+    for name in sorted(request.query_params.keys()):
+        values, kind = request.query_params.getlist(name), known.get(name)
+        if name not in known:
+            mistakes.append(f"query parameter '{name}' is not known; /docs lists the known ones")
+        elif len(values) > 1 and get_origin(kind) is not list:
+            mistakes.append(f"query parameter '{name}' is given {len(values)} times; give it once")
+        elif str not in (kind, *get_args(kind)):
+            wrong = [value for value in values if "_" in value]
+            mistakes += [f"query parameter '{name}' must be without '_', not {_SHORT.repr(value)}" for value in wrong]
+    if mistakes:
+        raise invalid(mistakes)
 
 
 def install(app: FastAPI) -> None:

@@ -1,8 +1,10 @@
 """Health, metrics, errors of the framework, documentation and pages."""
 
 import asyncio
+import gzip
 import re
 import sys
+import zlib
 from importlib.metadata import version
 from pathlib import Path
 
@@ -146,3 +148,15 @@ def test_plotly_is_served_compressed_and_cached(app: FastAPI) -> None:
     assert answer.headers["cache-control"] == "max-age=31536000, immutable"
     assert get(app, f"{path}?v=0").headers["cache-control"] == "no-cache", "another version is not kept"
     assert get(app, path, headers={"If-None-Match": answer.headers["etag"]}).status_code == 304
+    plain = get(app, path, headers={"Accept-Encoding": "identity"})
+    assert "content-encoding" not in plain.headers
+    assert plain.text == answer.text
+    assert plain.headers["vary"] == answer.headers["vary"] == "Accept-Encoding"
+
+
+def test_plotly_is_packed_once_for_all_clients(app: FastAPI, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = get(app, "/static/plotly.min.js")
+    for module in (gzip, zlib):
+        monkeypatch.delattr(module, "compress")
+    monkeypatch.delattr(zlib, "compressobj")
+    assert get(app, "/static/plotly.min.js").text == first.text
