@@ -8,6 +8,7 @@ import hashlib
 import logging
 import os
 import stat
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ def guard_kernel_cache() -> None:
     load, save = caching.Cache.load_overload, caching.Cache.save_overload
 
     def load_or_compile(cache: Any, *arguments: Any) -> Any:
-        if _is_foreign(Path(cache.cache_path)):
+        if _is_foreign(cache):
             cache.disable()
             return None
         try:
@@ -71,20 +72,24 @@ def guard_kernel_cache() -> None:
     caching.IndexDataCacheFile._load_data = read_if_sound
 
 
-def _is_foreign(folder: Path) -> bool:
-    """Whether other accounts can put kernels into `folder`, which are code and pickles; said once."""
-    try:
-        status = folder.stat()
-    except OSError:
-        return False  # There is nothing to read.
-    # The folder itself must be private: in one like /tmp, others can make the files that are not there yet.
-    if not others_can_change(status, (0, os.geteuid())) and not status.st_mode & stat.S_IWOTH:
-        return False
-    _tell(
-        f"the compiled kernels in {folder} can be replaced by other accounts of this machine, and are not used; "
-        f"say: chmod go-w {folder}, or set NUMBA_CACHE_DIR to a private folder, or every start compiles them anew"
-    )
-    return True
+def _is_foreign(cache: Any) -> bool:
+    """Whether other accounts can change the kernel of `cache`, which is code and pickles; said once."""
+    folder, index = Path(cache.cache_path), Path(cache._cache_file._index_path)
+    for path in (folder, *folder.glob(f"{escape(index.stem)}.*")):
+        try:
+            status = path.stat()
+        except OSError:
+            continue  # There is nothing to read.
+        # The folder itself must be private: in one like /tmp, others can make the files that are not there yet.
+        if not others_can_change(status, (0, os.geteuid())) and not status.st_mode & stat.S_IWOTH:
+            continue
+        _tell(
+            f"the compiled kernels in {path} can be replaced by other accounts of this machine, and are not used; "
+            f"say: {'chmod go-w' if path == folder else 'rm'} {path}, or set NUMBA_CACHE_DIR to a private folder, or "
+            "every start compiles them anew"
+        )
+        return True
+    return False
 
 
 def _save_data(files: Any, name: str, data: object) -> None:

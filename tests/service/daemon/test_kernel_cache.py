@@ -3,6 +3,7 @@
 import errno
 import importlib.util
 import itertools
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -81,20 +82,28 @@ def test_a_damaged_cache_is_set_aside_and_compiled_anew(
     assert sum(third.stats.cache_hits.values()) == 1, "and it is whole again"
 
 
+@pytest.mark.parametrize("part", ["folder", "nbi", "nbc"])
+@pytest.mark.parametrize("how", ["mode", "owner"])
 def test_a_cache_that_others_can_write_is_not_used(
-    kernel: Callable[[], Any], tmp_path: Path, caplog: pytest.LogCaptureFixture
+    kernel: Callable[[], Any], tmp_path: Path, caplog: pytest.LogCaptureFixture, part: str, how: str
 ) -> None:
     """What lies in it is run, as code and as pickles."""
     assert kernel()(1) == 2
     (index,) = files(tmp_path, "nbi")
-    index.parent.chmod(0o777)
+    (open_to_all,) = [index.parent] if part == "folder" else files(tmp_path, part)
+    if how == "mode":
+        open_to_all.chmod(0o777)
+    elif os.geteuid() == 0:
+        os.chown(open_to_all, 65534, -1)
+    else:
+        pytest.skip("only root can give a file away")
     before = index.read_bytes()
     again = kernel()
     assert again(1) == 2
     assert not again.stats.cache_hits
     assert index.read_bytes() == before
     (sentence,) = caplog.messages
-    assert f"chmod go-w {index.parent}" in sentence
+    assert f"say: {'chmod go-w' if part == 'folder' else 'rm'} {open_to_all}, " in sentence
 
 
 def test_a_cache_that_cannot_be_written_costs_a_compilation(
