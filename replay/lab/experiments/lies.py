@@ -1,7 +1,8 @@
 """`lies`: how soon telemetry that lies is found, by which name, and how often the truth is taken for a lie.
 
 Rooms of EnergyPlus with people, whose rows lie for four days after ten true ones. Nothing is estimated: what is found
-hangs on the telemetry alone.
+hangs on the telemetry alone. Only what remains of a lie is asked of a bank: its forecasts on the second day after the
+end, beside those of the same room without the lie.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,9 +21,11 @@ from replay.energyplus.buildings import BUILDINGS, building_named
 from replay.energyplus.library import library
 from replay.energyplus.plant import STEP
 from replay.energyplus.recording import record
+from replay.experiments.hours_ahead.runs import run_hours
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
 from replay.experiments.request import Request
+from replay.experiments.series.filtering import FilterRun, Series
 from replay.experiments.study import Figures, Results, Study
 from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
@@ -31,6 +34,8 @@ from replay.reports.kit.table import Cell, Table
 PERIOD = round(STEP)
 HOUR, DAY = 3600 // PERIOD, 86_400 // PERIOD
 DAYS, TRUE_DAYS, LYING_DAYS = 34, 10, 4
+ESTIMATOR, AHEAD = "bank", 6 * HOUR
+"""Whose forecasts are scored on the second day after a lie, and how many steps ahead."""
 ONSETS = (0, 15)
 """Hours of the first lying day at which the lie begins."""
 
@@ -43,6 +48,7 @@ NETWORK = network("building-67")
 ROOM, OUTDOOR, HEATING = 0, 1, 2
 NOTHING = "the truth"
 ALARMS, NAMED = "alarms in 60 days", "by its name in 48 h"
+AFTERWARDS, AS_TRUE = "CRPS on the second day after", "CRPS on the second day after, over that without a lie"
 WITHIN = {f"found in {hours} h": hours for hours in (12, 24, 48)}
 
 
@@ -92,18 +98,21 @@ def prepare(request: Request) -> Study:
     """The experiment for `request`; ReplayError where it cannot be made."""
     request.accept("seeds", "building")
     library()
-    jobs = []
+    jobs, forecast = [], []
     buildings = [building_named(name) for name in request.building or BUILDINGS]
     recordings = [(building, heating) for building in buildings for heating in ("on-off", "proportional")]
     for seed in request.seeds_or(3):
-        for building, heating in steps(recordings, "recording"):
+        for place, (building, heating) in enumerate(steps(recordings, "recording")):
             name, begin = building.name, BEGIN[(seed - 1) % len(BEGIN)]
             found = record(building, "denver", begin=begin, days=DAYS, heating=heating, seed=seed)
             shared = [np.broadcast_to(each[:, None], found.air.shape) for each in (found.outdoor, found.irradiance)]
             rows = np.stack([found.air, shared[0], found.heating, shared[1]], axis=-1).transpose(1, 0, 2)
             for lie in (NOTHING, *LIES):
                 jobs.append(Job(f"{name}, {heating}", lie, seed, watch, Watch(rows, lie)))
-    return Study(jobs, lambda job, arrays: _figures(job.contender, arrays), _report)
+                if place == 0:
+                    # A minute and a half each.
+                    forecast.append(Job(f"{name}, {heating}", lie, seed, afterwards, Watch(rows[:1], lie)))
+    return Study([*jobs, *forecast], lambda job, arrays: _figures(job.contender, arrays), _report)
 
 
 def watch(run: Watch) -> Arrays:
@@ -123,16 +132,36 @@ def watch(run: Watch) -> Arrays:
     for rows in run.rows:
         for onset in ONSETS:
             begin = TRUE_DAYS * DAY + onset * HOUR
-            part, before = slice(begin, begin + LYING_DAYS * DAY), slice(begin - HOUR, begin - HOUR + LYING_DAYS * DAY)
-            lying = rows[: part.stop].copy()
-            lying[part, lie.column] = lie.told(rows[part], rows[before])
-            if lie.name == finding.CHANNELS_SWAPPED:
-                lying[part, ROOM] = rows[part, OUTDOOR]
+            lying = _lying(rows, lie, begin)[: begin + LYING_DAYS * DAY]
             looks = [((place - begin) / HOUR, stood) for place, stood in _suspected(lying, begin)]
             found.append(next((hours for hours, stood in looks if stood), np.nan))
             expected = (lie.name, lie.column)
             named.append(next((h for h, stood in looks if expected in {(o.name, o.column) for o in stood}), np.nan))
     return {"any": np.array(found), "named": np.array(named)}
+
+
+def afterwards(run: Watch) -> Arrays:
+    """For every room `crps` [K] of a bank's forecasts AHEAD, under the inputs that came, made and come true on the
+    second day after the lie."""
+    end = (TRUE_DAYS + LYING_DAYS + 2) * DAY
+    scores = []
+    for rows in run.rows:
+        told = rows if run.lie == NOTHING else _lying(rows, LIES[run.lie], TRUE_DAYS * DAY)
+        times, starts = PERIOD * np.arange(end), np.arange(end) == 0
+        series = Series(times, told[:end, :1], told[:end, 1:], starts)
+        found = run_hours(FilterRun(ESTIMATOR, {}, NETWORK, PERIOD, series, 1, leads=(1, AHEAD)))
+        scores.append(np.nanmean(found["crps"][end - DAY + AHEAD :, 1]))
+    return {"crps": np.array(scores)}
+
+
+def _lying(rows: Array, lie: Lie, begin: int) -> Array:
+    """`rows` (K, 4) that tell a lie for LYING_DAYS from row `begin` on."""
+    part, before = slice(begin, begin + LYING_DAYS * DAY), slice(begin - HOUR, begin - HOUR + LYING_DAYS * DAY)
+    lying = rows.copy()
+    lying[part, lie.column] = lie.told(rows[part], rows[before])
+    if lie.name == finding.CHANNELS_SWAPPED:
+        lying[part, ROOM] = rows[part, OUTDOOR]
+    return lying
 
 
 def _suspected(rows: Array, begin: int) -> list[tuple[int, tuple[Suspicion, ...]]]:
@@ -150,6 +179,8 @@ def _suspected(rows: Array, begin: int) -> list[tuple[int, tuple[Suspicion, ...]
 
 
 def _figures(lie: str, arrays: Arrays) -> Figures:
+    if "crps" in arrays:
+        return {AFTERWARDS: float(np.mean(arrays["crps"]))}
     if lie == NOTHING:
         return {ALARMS: 60.0 * float(arrays["alarms"]) / float(arrays["days"])}
     figures = {label: float(np.mean(arrays["any"] <= hours)) for label, hours in WITHIN.items()}
@@ -161,11 +192,17 @@ def _report(results: Results) -> Report:
         """The mean over buildings."""
         return float(np.mean([results.mean(name, lie, figure) for name in results.recordings]))
 
+    def as_true(lie: str) -> float:
+        """What its forecasts afterwards are like, over those of the same rooms without it."""
+        first = results.recordings[0]
+        return results.mean(first, lie, AFTERWARDS) / results.mean(first, NOTHING, AFTERWARDS)
+
     figures = (*WITHIN, NAMED)
-    rows: list[tuple[Cell, ...]] = [(lie, *(over(lie, figure) for figure in figures)) for lie in LIES]
+    rows: list[tuple[Cell, ...]] = [(lie, *(over(lie, figure) for figure in figures), as_true(lie)) for lie in LIES]
     early, document = sum(over(lie, figures[0]) >= 0.5 for lie in LIES), Document(__package__, "lies.md")
     done = {"recordings": ", ".join(results.recordings), "true": TRUE_DAYS, "lying": LYING_DAYS, "onset": ONSETS[-1]}
-    lies, truth = Table("lies", ("lie", *figures), tuple(rows)), results.table("truth", [ALARMS], contenders=[NOTHING])
+    lies = Table("lies", ("lie", *figures, AS_TRUE), tuple(rows))
+    truth = results.table("truth", [ALARMS], contenders=[NOTHING])
     return Report(
         document.title,
         document.lines("Lead", lies=len(LIES), early=early, alarms=over(NOTHING, ALARMS)),

@@ -5,9 +5,11 @@ import pytest
 from support.energyplus import needs_energyplus
 from support.thermostat_house import recorded
 
+from replay.experiments.jobs import Arrays, Job
 from replay.experiments.request import Request
 from replay.experiments.study import Results
-from replay.lab.experiments.lies import DAYS, LIES, NOTHING, PERIOD, Watch, prepare, watch
+from replay.lab.experiments import lies
+from replay.lab.experiments.lies import DAY, DAYS, LIES, NOTHING, PERIOD, Watch, afterwards, prepare, watch
 
 
 @pytest.fixture(scope="module")
@@ -33,17 +35,31 @@ def test_the_truth_has_alarms_and_days(rooms):
     )
 
 
+def test_forecasts_are_scored_on_the_second_day_after_the_lie(rooms, monkeypatch):
+    monkeypatch.setattr(lies, "ESTIMATOR", "ekf")
+    monkeypatch.setattr(lies, "TRUE_DAYS", 3)
+    monkeypatch.setattr(lies, "LYING_DAYS", 1)
+    short, truth = rooms[:, : 6 * DAY].copy(), afterwards(Watch(rooms, NOTHING))
+    assert afterwards(Watch(short, NOTHING))["crps"] == truth["crps"], "what comes later is not asked of"
+    assert afterwards(Watch(rooms, "kW for W"))["crps"] > truth["crps"], "an EKF keeps what it learned"
+    short[0, -DAY // 2 :, 0] += 5.0
+    assert afterwards(Watch(short, NOTHING))["crps"] > 2 * truth["crps"]
+
+
 @needs_energyplus
 def test_the_report_has_a_row_for_every_lie():
     study = prepare(Request(building=("timber",), seeds=(1,)))
-    assert len(study.jobs) == 2 * (1 + len(LIES))
-    figures = [
-        study.measure(run, {"alarms": np.array(1), "days": np.array(30.0)})
-        if run.contender == NOTHING
-        else study.measure(run, {"any": np.array([2.0, 20.0, np.nan]), "named": np.array([20.0, 60.0, np.nan])})
-        for run in study.jobs
-    ]
-    lies, truth = study.written(Results(study.jobs, figures)).tables
-    assert [row[0] for row in lies.rows] == list(LIES)
-    assert lies.rows[0][1:] == pytest.approx((1 / 3, 2 / 3, 2 / 3, 1 / 3))
+    assert len(study.jobs) == 3 * (1 + len(LIES)), "forecasts are made in the first recording only"
+
+    def arrays(run: Job) -> Arrays:
+        if run.work is afterwards:
+            return {"crps": np.array([0.2 if run.contender == NOTHING else 0.3])}
+        if run.contender == NOTHING:
+            return {"alarms": np.array(1), "days": np.array(30.0)}
+        return {"any": np.array([2.0, 20.0, np.nan]), "named": np.array([20.0, 60.0, np.nan])}
+
+    figures = [study.measure(run, arrays(run)) for run in study.jobs]
+    found, truth = study.written(Results(study.jobs, figures)).tables
+    assert [row[0] for row in found.rows] == list(LIES)
+    assert found.rows[0][1:] == pytest.approx((1 / 3, 2 / 3, 2 / 3, 1 / 3, 1.5))
     assert [row[-1].mean for row in truth.rows] == [2.0, 2.0]
