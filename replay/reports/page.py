@@ -20,12 +20,13 @@ from service.records.trust import DOUBTFUL, TRUSTED, UNTRUSTED, Trust
 
 def report(site: str, traces: Sequence[Trace], progress: bool = False) -> Report:
     """The report of the zones in `traces`, which all have rows. With `progress` a terminal shows how far it is."""
-    drawn = tqdm(traces, unit=" zones", desc="page", delay=SLOW, disable=not progress)
+    ranked = tables.worst_first(traces)
+    drawn = tqdm(ranked, unit=" zones", desc="page", delay=SLOW, disable=not progress)
     document, several = Document(__package__), len(traces) > 1
     clocks = " and ".join(dict.fromkeys(trace.clock for trace in traces))
     return Report(
         document.title.format(site=site),
-        tuple(map(_in_a_sentence, tables.worst_first(traces))),
+        tuple(map(_in_a_sentence, ranked)),
         (
             *([document.section("All rooms", tables.to_do(traces))] if several else []),
             *(section for trace in drawn for section in _zone(document, trace, several)),
@@ -64,7 +65,9 @@ def _trusted(trust: Trust) -> str:
     told = f"nothing speaks against the forecasts {good} ahead" if good and not trust.beaten else ""
     care = "" if told and not doubted else "take the forecasts with care" + (f" {doubted} ahead" if doubted else "")
     reasons = dict.fromkeys(one.reason for one in trust.horizons if one.reason and one.reason not in trust.beaten)
-    sentence = "; ".join(filter(None, (care, told, *reasons, trust.beaten)))
+    # At which hours to rely on the model is told of its week: not while something disturbs these hours.
+    beaten = trust.beaten.rpartition("; ")[0] if trust.disturbed else trust.beaten
+    sentence = "; ".join(filter(None, (care, told, *reasons, beaten)))
     return sentence[0].upper() + sentence[1:]
 
 

@@ -20,6 +20,8 @@ _ENOUGH = 6
 """Verified forecasts of the last day before they say anything."""
 _WRONG = 0.5
 """K by which forecasts may be off without a reason being told."""
+_SMALL, _UNLIKE = 0.35, 1.5
+"""K by which they may be off in any case, and the multiple of what is usual from which a smaller error has a reason."""
 _EXPLAINED = 0.6
 """Share of the error that is left once heating and weather are known, up to which these explain it."""
 _UNUSUAL = 0.5
@@ -57,7 +59,9 @@ def warming_up(step: float, temperature: Array, setpoint: Array, cold: float) ->
         return
     usual, most = float(np.median(took)), max(took)
     parts = ["After a setback it was warm again at once"]
-    if most > 0.0:
+    if usual == 0.0 < most:
+        parts = [f"After most setbacks it was warm again at once, else after at most {most:.1f} h"]
+    elif most > 0.0:
         parts = [f"After a setback it took {usual:.1f} h to be warm again, at most {most:.1f} h"]
         parts.append("start heating so long before it is to be warm")
     if missed:
@@ -149,7 +153,7 @@ def last_day(worker: ZoneWorker, times: Array, step: float, inputs: Array, gain:
     week = next(each for each in skill.issued_over(7) if each.lead == one.lead)
     if week.forecasts > one.forecasts:
         parts.append(f"{week.rmse:.1f} K is usual")
-    if one.rmse > _WRONG:
+    if one.rmse > _WRONG or one.rmse > max(_SMALL, _UNLIKE * week.rmse):
         left = known[one.lead].rmse
         if left <= _EXPLAINED * one.rmse:
             parts.append(
@@ -157,8 +161,10 @@ def last_day(worker: ZoneWorker, times: Array, step: float, inputs: Array, gain:
                 f"been {left:.1f} K"
             )
             parts += _departed(worker, times, inputs)
-        else:
-            parts.append(_unmeasured(times, gain))
+        elif why := _unmeasured(times, gain):
+            parts.append(why)
+        elif one.rmse > _WRONG:
+            parts.append("heating and weather do not explain it, so the model does not know this room well enough")
     yield RoomAnswer("last_day", "; ".join(parts), "K", one.rmse)
 
 
@@ -184,14 +190,14 @@ def _called(channel: str) -> str:
 
 
 def _unmeasured(times: Array, gain: Array) -> str:
-    """Whether heat that nobody measures explains an error."""
+    """How heat that nobody measures explains an error; empty where it does not."""
     away = _against_usual(times, gain) * _DAY / _KWH
     if away > 10.0 * _NOTED:
         return f"people, or something else that nobody measures, brought {_energy(away)} kWh more than usual"
     if away < -10.0 * _NOTED:
         # How much a window took is told by itself: here it would be less the heat of people who stayed away.
         return "an open window took heat away, or people brought less than usual"
-    return "heating and weather do not explain it, so the model does not know this room well enough"
+    return ""
 
 
 def _against_usual(times: Array, values: Array) -> float:

@@ -531,7 +531,7 @@ def _against_cold(comfort: Comfort, past: Past, warming: float, heated: float) -
         return "have the heating looked at, or lower the set-point", f"{reason} at full heating"
     if comfort.against_setpoint:
         return "look for what keeps the heating from following the set-point, such as a closed valve", reason
-    return "heat more, or give the zone its set-point", reason
+    return "heat more, or connect the set-point of the room", reason
 
 
 def _against_warmth(comfort: Comfort, heated: float, cooled: float) -> tuple[str, str]:

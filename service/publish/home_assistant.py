@@ -4,6 +4,7 @@ The entities are those of `home_assistant.toml`; here is which of them a zone ha
 """
 
 import json
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
@@ -13,6 +14,7 @@ from typing import Any
 
 from adapters.fields.durations import format_duration
 from estimator.diagnosis.finding import FOR_EXPERTS
+from service.publish.language import LANGUAGES, Catalogue, sayer
 from service.publish.sinks import Announcement
 
 SKILL_DAYS = 7
@@ -20,6 +22,7 @@ SKILL_DAYS = 7
 
 _ENTITIES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 _WORDS: Mapping[str, str] = _ENTITIES.pop("words")
+_NAMED: Catalogue = ("service.publish", "home_assistant-{language}.json")
 _ALWAYS = ("status", "trust", "skill")
 """Entities that say something of a zone that vouches for nothing, too."""
 
@@ -29,21 +32,27 @@ _Filled = Mapping[str, object]
 
 
 def discovery(
-    prefix: str, site: str, topics: str, available: str, announcement: Announcement, page: str | None = None
+    prefix: str,
+    site: str,
+    topics: str,
+    available: str,
+    announcement: Announcement,
+    page: str | None = None,
+    language: str = LANGUAGES[0],
 ) -> dict[str, bytes]:
     """The configuration topics under `prefix` of the entities of a zone, with their documents.
 
-    `topics` is what the topics of the zone begin with, `available` where "online" and "offline" are told, and
-    `page` the address of the page for people.
+    `topics` is what the topics of the zone begin with, `available` where "online" and "offline" are told, `page` the
+    address of the page for people, and `language` that of the names; ids are the same in every language.
     """
-    zone = announcement.zone
+    zone, say = announcement.zone, sayer(language, (), _NAMED)
     identity = f"thermogate_{site}_{zone}"
     common = {
         "device": {
             "identifiers": [identity],
             "name": f"Thermogate {zone}",
             "manufacturer": "Thermogate",
-            "model": "thermal model of a zone",
+            "model": say("thermal model of a zone"),
             "sw_version": version("thermogate"),
             **({} if page is None else {"configuration_url": f"{page.rstrip('/')}/#/zone/{zone}"}),
         },
@@ -64,7 +73,11 @@ def discovery(
                 "availability": up if kind in _ALWAYS else vouching,
                 **common,
                 **settings,
+                "name": say(settings["name"]),
             }
+            if language != LANGUAGES[0]:
+                english = f"Thermogate {zone} {settings['name']}"
+                document["default_entity_id"] = f"{component}.{_slug(english)}"
             if "json_attributes_template" in settings:
                 document["json_attributes_topic"] = f"{topics}/{topic}"
             found[f"{prefix}/{component}/{identity}/{key}/config"] = json.dumps(document).encode()
@@ -113,6 +126,11 @@ def _about(index: int, output: str, count: int) -> dict[str, object]:
 
 def _horizon(lead: int) -> dict[str, object]:
     return {"lead": lead, "duration": format_duration(lead)}
+
+
+def _slug(text: str) -> str:
+    """As Home Assistant makes the id of an entity from its name."""
+    return re.sub("[^a-z0-9]+", "_", text.lower()).strip("_")
 
 
 def _written(entity: Mapping[str, Any], filled: _Filled) -> dict[str, Any]:

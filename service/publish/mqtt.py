@@ -49,7 +49,7 @@ class MqttConfig(BrokerConfig):
         description='where browsers find the page, such as `"http://192.168.1.20:8080"`: each device links to its room',
     )
     language: Annotated[Literal["en", "de"], BeforeValidator(choice(*LANGUAGES))] = Field(
-        default="en", description="of reasons, findings and other sentences"
+        default="en", description="of reasons, findings and other sentences, and of names in Home Assistant"
     )
 
     @model_validator(mode="after")
@@ -77,7 +77,7 @@ class Publisher(Sink):
         language: str = LANGUAGES[0],
     ) -> None:
         """`discovery_prefix`: what the topics of Home Assistant's discovery begin with; None: it is told nothing.
-        `page`: the address of the page for people. `language`: of sentences."""
+        `page`: the address of the page for people. `language`: of sentences and names."""
         self._language = language
         self._broker, self._site, self._prefix, self._page = broker, site, discovery_prefix, page
         self._available = f"thermogate/{site}/availability"
@@ -127,7 +127,9 @@ class Publisher(Sink):
             entities = (*announcement.topics, *heating)
             if self._prefix is not None and entities not in told:
                 told.add(entities)
-                messages |= discovery(self._prefix, self._site, base, self._available, announcement, self._page)
+                messages |= discovery(
+                    self._prefix, self._site, base, self._available, announcement, self._page, self._language
+                )
             self._keep({topic: payload for topic, payload in messages.items() if self._last.get(topic) != payload})
 
     def measures(self) -> list[Measure]:

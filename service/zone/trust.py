@@ -125,7 +125,7 @@ def _verified(old: HorizonTrust, week: HorizonSkill, day: HorizonSkill, diagnosi
     rising = old.rising + 1 if _RANK[strict[0]] < _RANK[old.verified] else 0
     if rising >= RISES:
         return replace(old, verified=strict[0], why=strict[1], rising=0)
-    why = old.why if strict[0] == old.verified else f"it was better for {rising} of the {RISES} hours that it takes"
+    why = old.why if strict[0] == old.verified else f"it has been better for {rising} h; trust rises after {RISES} h"
     return replace(old, why=why or strict[1], rising=rising)
 
 
@@ -158,8 +158,8 @@ def _held_too_little(week: IssuedSkill | None, day: IssuedSkill | None, threshol
     ):
         if window is not None and window.forecasts >= needed and window.coverage < least:
             return (
-                "as published, when nobody knew the heating and the weather to come, "
-                f"{_held(window, when)}; under a plan of the heating they may hold"
+                f"{_held(window, when)}, as published, when nobody knew the heating and the weather to come; under a "
+                "plan of the heating they may hold"
             )
     return None
 
@@ -218,7 +218,7 @@ def _told(one: HorizonTrust, update: Update, disturbed: bool, lies: str) -> Hori
     elif lies and level != LEARNING:
         level, reason = UNTRUSTED, lies
     elif disturbed and level == TRUSTED and one.lead <= DISTURBED_UP_TO:
-        level, reason = DOUBTFUL, "something acts on the zone that the model does not know, such as people or a window"
+        level, reason = DOUBTFUL, "an open window, people or other heat that nobody measures acts on the room"
     planned = level
     if level == TRUSTED and one.issued == DOUBTFUL:
         level, reason = DOUBTFUL, one.issued_why

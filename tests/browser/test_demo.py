@@ -41,7 +41,7 @@ def test_an_open_window_is_noticed(visit: Any, living: LivingDemo) -> None:
     page.wait_for_selector("tr[data-zone]")
     opened = {"kind": "window", "device": "room4", "value": 150.0, "for": 15}
     assert httpx.post(f"{living.control}/faults", json=opened).status_code == 201
-    eventually(page, f"{cell('room4', 'finding')}.includes('something acts on the zone')")
+    eventually(page, f"{cell('room4', 'finding')}.includes('an open window, people')")
 
 
 def test_a_set_point_that_is_turned_up_is_followed_and_nothing_else_is_suspected(

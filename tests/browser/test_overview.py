@@ -128,7 +128,7 @@ def test_what_only_experts_mend_calls_for_nobody_and_a_forecast_that_is_outdone_
     assert page.locator('[data-zone="expert"] .cell-finding').inner_text() == "nothing unusual"
     assert (
         page.locator('[data-zone="outdone"] .cell-finding').inner_text()
-        == "at times ahead, a simpler forecast is better"
+        == "some hours ahead, a simpler forecast is better"
     )
     trust = page.locator('[data-zone="outdone"] .cell-trust')
     assert trust.text_content() == "in part: " + (trust.get_attribute("title") or "nothing")

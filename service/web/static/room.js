@@ -5,7 +5,7 @@ import { element, paced, set, svg } from "./dom.js";
 import { COLD } from "./ranking.js";
 import { said } from "./said.js";
 import { capital, duration, number, share, t } from "./text.js";
-import { moment } from "./time.js";
+import { clock, moment } from "./time.js";
 import { saidNode } from "./words.js";
 
 const ASK_MS = 60_000;
@@ -14,13 +14,14 @@ const WORTH = 20;
 
 // The card of zone `id`; `failed(error)` is told what went wrong, and null once it works again.
 export function roomCard(id, failed) {
-  const answers = element("div", {}, element("p", { className: "muted", textContent: t("loading") }));
+  const [verdict, about] = [element("div", {}, element("p", { className: "muted", textContent: t("loading") })), element("div", {})];
   const heating = preheatForm(id);
-  const node = element("section", { className: "card answers" }, element("h2", { textContent: t("room.title") }), answers, heating.node);
+  const node = element("section", { className: "card answers" }, element("h2", { textContent: t("room.title") }), verdict, heating.node, about);
   const ask = paced(async () => {
     try {
       const room = await getIfAny(`${zonePath(id)}/room`);
-      answers.replaceChildren(...(room ? told(room) : [element("p", { className: "muted", textContent: t("learned.none") })]));
+      verdict.replaceChildren(...(room ? toDo(room) : [element("p", { className: "muted", textContent: t("learned.none") })]));
+      about.replaceChildren(...(room ? whatItIsLike(room) : []));
       failed(null);
     } catch (error) {
       failed(error);
@@ -29,13 +30,18 @@ export function roomCard(id, failed) {
   return { node, ask, heating: heating.foreseen, end: () => ask.cancel() };
 }
 
-function told(room) {
-  const list = room.to_do.map(({ what, why }) => element("li", {}, element("strong", {}, saidNode(capital(what))), " – ", saidNode(why)));
-  const [verdict, ...others] = room.answers;
+function toDo({ answers: [verdict], to_do }) {
+  const list = to_do.map(({ what, why }) => element("li", {}, element("strong", {}, saidNode(capital(what))), " – ", saidNode(why)));
   return [
     element("p", {}, saidNode(verdict.sentence), "."),
     element("h3", { textContent: t("room.to_do") }),
     list.length ? element("ol", { className: "findings" }, ...list) : element("p", { className: "muted", textContent: t("room.nothing") }),
+  ];
+}
+
+function whatItIsLike(room) {
+  const [, ...others] = room.answers;
+  return [
     element("h3", { textContent: t("room.about") }),
     element("ul", { className: "sentences" }, ...others.map(({ about, sentence }) => element("li", {}, element("strong", { textContent: t(`about.${about}`) }), " – ", saidNode(sentence), "."))),
     ...profile(room),
@@ -74,7 +80,8 @@ function preheatForm(id) {
     element("label", {}, `${t("preheat.at")} `, target, " °C"),
     element("button", { type: "submit", textContent: t("preheat.ask") }),
   );
-  let asked = false;
+  let [asked, chosen] = [false, false];
+  form.addEventListener("input", () => (chosen = true));
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     asked = true;
@@ -89,15 +96,17 @@ function preheatForm(id) {
     node: element("div", {}, element("h3", { textContent: t("preheat.title") }), result, form),
     // The zone's own answer about the next rise of its set-point, at which it is not to be cold, for as long as nobody asks for another time.
     foreseen(answer) {
-      if (!asked) set(result, { textContent: answer ? startText({ ...answer, tolerance: COLD }) : "" });
+      if (asked) return;
+      set(result, { textContent: answer ? startText({ ...answer, tolerance: COLD }) : "" });
+      // The form begins with what the answer is about.
+      if (answer && !chosen) [by.value, target.value] = [clock(Date.parse(answer.by)), answer.target];
     },
   };
 }
 
-function startText({ start, by, target, tolerance, probability, reached }) {
+function startText({ start, by, target, tolerance, reached }) {
   const likely = { share: share(reached), target: number(target, 1), tolerance: number(tolerance, 1), by: moment(Date.parse(by)) };
   if (start === null) return t("preheat.late", likely);
   const [begin, end] = [start, by].map((time) => Date.parse(time));
-  const told = t("preheat.start", { ...likely, time: moment(begin), before: duration((end - begin) / 1000) });
-  return reached < probability ? `${told} ${t("preheat.no_earlier")}` : told;
+  return t("preheat.start", { ...likely, time: moment(begin), before: duration((end - begin) / 1000) });
 }

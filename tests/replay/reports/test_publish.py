@@ -28,6 +28,7 @@ from service.config.fitting import fingerprint, make_worker
 from service.config.kept import keep_configuration
 from service.config.load import load
 from service.errors import ServiceError, StateMismatch
+from service.forecast.answers import ToDo
 from service.records.sample import Sample
 from service.records.trust import HorizonTrust, Trust
 from service.store.checkpoint import CheckpointStore
@@ -110,6 +111,23 @@ def test_a_report_tells_how_far_its_forecasts_can_be_relied_on(replayed, levels,
     (forecasts,) = (section for section in made.sections if section.title == "Forecasts")
     assert forecasts.paragraphs[0].endswith(told)
     assert made.sections[-1].paragraphs[0] == "Learned anew.", "where figures come from keeps nobody from them"
+
+
+def test_a_report_tells_the_rooms_in_the_order_of_what_to_do(replayed):
+    (trace,) = replayed[1]
+    rooms = {"calm": (), "urgent": (ToDo("shut the window", "it is open", 1.0),)}
+    made = report("site", [trace._replace(zone=zone, room=replace(trace.room, to_do=do)) for zone, do in rooms.items()])
+    told = [section.title.partition(":")[0] for section in made.sections if "how is this room" in section.title]
+    assert told == ["urgent", "calm"]
+
+
+def test_a_report_does_not_rely_on_what_it_doubts(replayed):
+    (trace,) = replayed[1]
+    doubted = tuple(HorizonTrust(lead, "doubtful", "a window is open", 0) for lead in (3600, 21600))
+    beaten = "6 h ahead, no change is the better forecast; rely on the model 1 h ahead"
+    made = report("site", [trace._replace(trust=Trust(0, doubted, disturbed=True, beaten=beaten))])
+    (forecasts,) = (section for section in made.sections if section.title == "Forecasts")
+    assert forecasts.paragraphs[0].endswith("a window is open; 6 h ahead, no change is the better forecast.")
 
 
 def test_the_table_has_the_figures_of_the_summary(replayed, tmp_path, capsys):

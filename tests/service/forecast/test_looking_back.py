@@ -79,6 +79,9 @@ def test_warming_up_takes_as_long_as_the_room_was_too_cold_after_a_setback():
     assert sayer("de")(answer.sentence).startswith("Nach einer Absenkung dauerte es 1,5 h, bis er wieder warm war, h")
     (answer,) = warming_up(STEP, *mornings(6, 200, 6), 0.5)
     assert answer.sentence.endswith("1 of 5 times it was not warm before the next setback")
+    (answer,) = warming_up(STEP, *mornings(0, 0, 6), 0.5)
+    assert answer.sentence == "After most setbacks it was warm again at once, else after at most 1.0 h"
+    assert "0.0 h" not in answer.sentence
     (answer,) = warming_up(STEP, *mornings(), 0.5)
     assert answer.sentence == "After a setback it was warm again at once"
 
@@ -102,9 +105,10 @@ def test_a_rise_in_two_steps_is_no_setback_and_a_gap_is_no_cold_room():
     assert answer.sentence.startswith("After a setback it took 0.5 h to be warm again, at most 1.0 h; start")
 
 
-def worker(issued, known, forecasts=20, recorded=7):
+def worker(issued, known, forecasts=20, recorded=7, usual=None):
     def window(days, error):
         count = forecasts * min(days, recorded)
+        error = error if days == 1 or usual is None else usual
         return tuple(SimpleNamespace(lead=lead, forecasts=count, rmse=error) for lead in (3600, 21600, 86400))
 
     skill = SimpleNamespace(over=lambda days: window(days, known), issued_over=lambda days: window(days, issued))
@@ -144,6 +148,14 @@ def test_heat_that_nobody_measures_is_named_with_its_energy(power, why, german):
     (answer,) = asked(worker(1.4, 1.3), gain=np.where(TIMES[-1] - 6 * 3600.0 < TIMES, power, 0.0))
     assert answer.sentence.endswith(why)
     assert sayer("de")(answer.sentence).endswith(german)
+
+
+def test_a_small_error_has_a_reason_where_it_is_unlike_the_usual_and_the_reason_is_known():
+    opened = np.where(TIMES[-1] - 6 * 3600.0 < TIMES, -400.0, 0.0)
+    told = "In the last day the forecasts 6 h ahead were off by 0.4 K; 0.2 K is usual"
+    assert asked(worker(0.4, 0.4, usual=0.2), gain=opened)[0].sentence.startswith(f"{told}; an open window took")
+    assert asked(worker(0.4, 0.4, usual=0.2))[0].sentence == told
+    assert asked(worker(0.4, 0.4, usual=0.3), gain=opened)[0].sentence.endswith("0.3 K is usual")
 
 
 def test_else_the_model_does_not_know_the_room_well_enough():

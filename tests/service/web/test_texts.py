@@ -3,7 +3,7 @@
 import ast
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -11,6 +11,7 @@ import pytest
 from adapters.reading import Fault
 from estimator.diagnosis.finding import FINDINGS, FOR_EXPERTS
 from replay.reports.language import sayer as spoken_by_reports
+from service.publish.language import Say
 from service.publish.language import sayer as spoken_by_all
 from service.records.status import STATES
 
@@ -67,6 +68,14 @@ def test_every_sentence_of_the_daemon_and_the_report_is_there_in_german(path: st
     # What the daemon says is on the page as well, which does not know what only reports say.
     german = spoken_by_reports("de") if path.startswith("replay") else spoken_by_all("de")
     assert [text for text in said if german(text) == text] == []
+
+
+@pytest.mark.parametrize("sayer", [spoken_by_all, spoken_by_reports])
+def test_why_a_saving_is_not_known_is_german_also_at_the_end_of_a_sentence(sayer: Callable[[str], Say]) -> None:
+    english = "What 1 K less would have saved is not known, for the heat loss is not"
+    german = "Was 1 K weniger gespart hätte, ist nicht bekannt, denn der Wärmeverlust ist es nicht"
+    assert sayer("de")(english) == german
+    assert spoken_by_reports("de")(f"{english}.") == f"{german}."
 
 
 def test_sentences_have_the_same_gaps_in_both_languages() -> None:
