@@ -1,6 +1,7 @@
 """A site whose recording, seeds and clock never change: zones of several estimators that have learned from it."""
 
 import asyncio
+import json
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from math import inf
@@ -29,17 +30,7 @@ EAST = {"T_air": "east", "T_out": "outside", "T_adj": "west", "u_heat": "heat"}
 WITH_WALL = {"T_i": "west", "T_e": "wall", "T_out": "outside", "u_heat": "heat"}
 """The column of each channel."""
 
-TWO_SENSORS = {
-    "name": "two-sensors",
-    "measured": ["T_i", "T_e"],
-    "boundaries": ["T_out"],
-    "capacitances": {"T_i": {"lower": 1e5, "upper": 1e8}, "T_e": {"lower": 1e6, "upper": 1e9}},
-    "conductances": [
-        {"name": "g_ie", "between": ["T_i", "T_e"], "lower": 10, "upper": 1e4},
-        {"name": "g_e_out", "between": ["T_e", "T_out"], "lower": 5, "upper": 5e3},
-    ],
-    "heat_inputs": [{"channel": "u_heat", "node": "T_i", "unit": "W"}],
-}
+TWO_SENSORS = json.loads(Path(__file__).with_name("two-sensors.json").read_text(encoding="utf-8"))
 MEMBERS = {
     "jump": {"estimator": "mkf", "particles": 30, "scenarios": 30},
     "ekf": {"estimator": "ekf"},

@@ -15,9 +15,8 @@ from replay.experiments.jobs import Arrays
 from replay.experiments.request import Request
 from replay.experiments.study import Figures, Results, Study
 from replay.lab.experiments.control.loop import Moment, close
-from replay.lab.experiments.relays import PERIOD, Learning, RelayRun, study
+from replay.lab.experiments.relays import Learning, RelayRun, report, study
 from replay.localtime import DAY, HOUR
-from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
 from service.errors import NoLaw
 from service.forecast.heating import PreheatQuestion
@@ -114,19 +113,5 @@ def _figures(arrays: Arrays) -> Figures:
 
 
 def _report(results: Results) -> Report:
-    document = Document(__package__, "preheat.md")
-    lead = [
-        line
-        for name in results.recordings
-        for line in document.lines(
-            "Lead",
-            name=name,
-            asked=PROBABILITY,
-            in_time=results.mean(name, "bank", IN_TIME),
-            mornings=results.mean(name, "bank", MORNINGS),
-            early=results.mean(name, "bank", EARLY),
-        )
-    ]
-    done = document.section("What was done", tolerance=TOLERANCE, period=PERIOD // 60)
-    table = results.table("preheat", (MORNINGS, STARTS, IN_TIME, BEEN, PROMISED, EARLY))
-    return Report(document.title, tuple(lead), (done, document.section("What came out", table)))
+    figures, told = (MORNINGS, STARTS, IN_TIME, BEEN, PROMISED, EARLY), {"in_time": IN_TIME, "mornings": MORNINGS}
+    return report("preheat", results, figures, told | {"early": EARLY}, asked=PROBABILITY, tolerance=TOLERANCE)

@@ -1,6 +1,6 @@
 """Relays in a building of EnergyPlus, which keep the set-points of its people, and zones that learn beside them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from replay.lab.experiments.control.cases import STEPS_A_DAY, UNDISTURBED, Scene
 from replay.lab.experiments.control.experiment import USUAL, WEATHER
 from replay.lab.experiments.control.loop import Controller, Moment
 from replay.lab.experiments.control.site import inputs_of, networks_of
+from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
 from replay.scores.intervals import Mask
 from service.config.fitting import known_heat
@@ -71,6 +72,20 @@ def study(
     ]
     jobs = tuple(Job(run.building, run.estimator, run.seed, live, run) for run in runs)
     return Study(jobs, lambda run, arrays: figures(arrays), report)
+
+
+def report(name: str, results: Results, figures: Sequence[str], told: Mapping[str, str], **given: object) -> Report:
+    """The report of the experiment `name`: a table of `figures`, and its document, which is `given` values.
+
+    The Lead of every building is given the means of the figures that `told` names as well.
+    """
+    document, lead = Document(__package__, f"{name}.md"), list[str]()
+    for building in results.recordings:
+        means = {value: results.mean(building, "bank", figure) for value, figure in told.items()}
+        lead += document.lines("Lead", name=building, **means, **given)
+    done = document.section("What was done", period=PERIOD // 60, **given)
+    came = document.section("What came out", results.table(name.replace("_", "-"), figures))
+    return Report(document.title, tuple(lead), (done, came))
 
 
 class Relays(Controller):

@@ -16,9 +16,8 @@ from replay.experiments.request import Request
 from replay.experiments.study import Figures, Results, Study
 from replay.lab.experiments.control.cases import STEPS_A_DAY, Scene
 from replay.lab.experiments.control.loop import Moment, close
-from replay.lab.experiments.relays import PERIOD, Learning, RelayRun, Relays, study
+from replay.lab.experiments.relays import PERIOD, Learning, RelayRun, Relays, report, study
 from replay.localtime import DAY
-from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
 from replay.scores.intervals import rmse
 from service.errors import NoLaw
@@ -138,21 +137,6 @@ def _figures(arrays: Arrays) -> Figures:
 
 
 def _report(results: Results) -> Report:
-    document = Document(__package__, "what_if.md")
-    lead = [
-        line
-        for name in results.recordings
-        for line in document.lines(
-            "Lead",
-            name=name,
-            held=results.mean(name, "bank", DEMAND_COVERAGE),
-            told=results.mean(name, "bank", SAVING),
-            true=results.mean(name, "bank", TRUE),
-            saved=results.mean(name, "bank", SAVING_COVERAGE),
-        )
-    ]
-    done = document.section("What was done", setback=SETBACK, period=PERIOD // 60)
-    columns = (ASKED, DEMAND, DEMAND_COVERAGE, OFF, TRUE, SAVING, SAVING_OFF, SAVING_COVERAGE)
-    return Report(
-        document.title, tuple(lead), (done, document.section("What came out", results.table("what-if", columns)))
-    )
+    figures = (ASKED, DEMAND, DEMAND_COVERAGE, OFF, TRUE, SAVING, SAVING_OFF, SAVING_COVERAGE)
+    told = {"held": DEMAND_COVERAGE, "told": SAVING, "true": TRUE, "saved": SAVING_COVERAGE}
+    return report("what_if", results, figures, told, setback=SETBACK)

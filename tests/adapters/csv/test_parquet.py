@@ -1,7 +1,9 @@
 """Parquet files are read by the rules of CSV files."""
 
 import asyncio
+import shutil
 import sys
+from pathlib import Path
 
 import pytest
 from support.sources import recording
@@ -12,14 +14,6 @@ from adapters.reading import Fault
 pd = pytest.importorskip("pandas")
 pytest.importorskip("pyarrow")
 
-TEXT = """when;room;power;more
-2025-10-26 01:30;20,5;1,5;0,5
-2025-10-26 02:30;;1;0
-2025-10-26 02:30;21;2;
-2025-10-26 03:30;999;n/a;1
-2025-10-26 04:30;broken;3;nan
-;22;1;1
-"""
 CHANNELS = (
     {"id": "living/T_i", "column": "room", "valid": [-60, 80]},
     {"id": "living/u_heat", "columns": ["power", "more"], "unit": "kW"},
@@ -40,7 +34,7 @@ def readings(path, **layout):
 
 @pytest.fixture
 def table(tmp_path):
-    (tmp_path / "a.csv").write_text(TEXT)
+    shutil.copy(Path(__file__).with_name("autumn.csv"), tmp_path / "a.csv")
     return pd.read_csv(tmp_path / "a.csv", sep=";", dtype=str, keep_default_na=False)
 
 

@@ -26,16 +26,7 @@ from adapters.weather.polled import csv_file, json_address, json_file
 from adapters.zenoh.connection import SessionConfig
 
 NOON = 1_769_860_800.0  # 2026-01-31T12:00:00Z
-DOCUMENT: dict[str, Any] = {
-    "latitude": 47.7,
-    "utc_offset_seconds": 3600,
-    "hourly_units": {"time": "iso8601", "temperature_2m": "°C", "shortwave_radiation": "W/m²"},
-    "hourly": {
-        "time": ["2026-01-31T13:00", "2026-01-31T14:00", "2026-01-31T15:00"],
-        "temperature_2m": [3.0, None, 5.0],
-        "shortwave_radiation": [0.0, 100.0, 200.0],
-    },
-}
+DOCUMENT: dict[str, Any] = json.loads(Path(__file__).with_name("open-meteo.json").read_text(encoding="utf-8"))
 
 
 def written(**changes: Any) -> bytes:
