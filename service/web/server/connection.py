@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from http import HTTPStatus
+from typing import Any
 
 import h11
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -96,6 +97,25 @@ class Passes:
                 asyncio.get_running_loop().call_soon(self._run)
 
 
+class ClosedOnce:
+    """A transport that may be closed again: an encrypted one would then forget what it is still sending."""
+
+    def __init__(self, transport: asyncio.Transport) -> None:
+        self._transport = transport
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._transport, name)
+
+    def close(self) -> None:
+        """Close the transport, unless that has begun."""
+        if not self._transport.is_closing():
+            self._transport.close()
+
+    def let_go(self) -> None:
+        """Of a lost connection: let an encrypted transport forget its protocol, which refers to it."""
+        self._transport.close()
+
+
 class Connection(H11Protocol, asyncio.BufferedProtocol):
     """A connection that ends where a request is too slow to come in or an answer to go out; `check` sees to that."""
 
@@ -129,7 +149,8 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
         """How much of the answer was waiting when the client last made progress, and when that was."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        super().connection_made(transport)
+        self._closed_once = ClosedOnce(transport)
+        super().connection_made(self._closed_once)  # type: ignore[arg-type]
         self.app = self._paced(self.app)
         if self.scheme == "https":
             # Left to itself it keeps 256 kB of what is read and 512 kB of what is written.
@@ -142,12 +163,11 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
         super().connection_lost(exc)
         self._asker.gone.set()
         self._lost()
-        # They hold the connection, and would keep it and its buffers until garbage is collected; an encrypted transport
-        # lets go of its own when it is closed again.
+        # They refer to the connection, and would keep it and its buffers until garbage is collected.
         del self.app
         self.cycle = None  # type: ignore[assignment]
         self._unset_keepalive_if_required()
-        self.transport.close()
+        self._closed_once.let_go()
 
     def resume_writing(self) -> None:
         super().resume_writing()

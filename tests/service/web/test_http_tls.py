@@ -106,6 +106,20 @@ async def test_who_never_reads_is_cut_off_through_encryption_too(tmp_path: Path)
         deaf.writer.transport.abort()
 
 
+async def test_who_neither_goes_on_nor_closes_is_let_go_and_others_are_served(tmp_path: Path) -> None:
+    pair = make_pair(tmp_path)
+    limits = {"receive_timeout": 0.3, "send_timeout": 2.0}
+    async with serving(app(), encrypted(pair, limits=limits)) as server:
+        silent = await Client.to(server, trusting(pair))
+        await silent.send(PLAIN[:20])
+        # It never takes the end of the encryption, so that the connection is closing for as long as sending may take.
+        silent.writer.transport.pause_reading()
+        await until(lambda: server.cut_off["slow to ask"])
+        await until(lambda: server.connections == 0)
+        assert (await ask(server, context=trusting(pair))).status == 200
+        silent.writer.transport.abort()
+
+
 async def test_an_encrypted_connection_holds_little(tmp_path: Path) -> None:
     pair = make_pair(tmp_path)
     async with serving(app(), encrypted(pair)) as server:
