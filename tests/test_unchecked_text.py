@@ -1,6 +1,7 @@
 """No path, key expression or statement is built from text that nobody has checked, and no text becomes code."""
 
 import ast
+import json
 import re
 from pathlib import Path
 
@@ -20,18 +21,7 @@ SQL = re.compile(
 WORDS = re.compile(r"SELECT|INSERT|UPDATE|DELETE|PRAGMA|BEGIN|VALUES|WHERE| AND ")
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
 
-PARTS_OF_STATEMENTS = {
-    "condition": "from a list of conditions that the function itself writes, with ? for the values",
-    "where": "joined from such conditions",
-    "into": "a table and its columns, which the caller's module itself writes",
-    "otherwise": "such a module's words for rows that are there already",
-    "statements": "the schema, which the module itself writes",
-    "places": "question marks",
-    "aggregate": "one of two words that the function itself writes",
-    "link": "a column of one table that the others do not have",
-    "field": "of a question to InfluxDB, from the operator's own configuration: one that cannot end it or write",
-    "source": "likewise",
-}
+PARTS_OF_STATEMENTS = json.loads((ROOT / "tests" / "statements.json").read_text(encoding="utf-8"))
 """What else than constants may stand in a statement, and why that is no danger."""
 
 FROM_LOOPS = ("table",)

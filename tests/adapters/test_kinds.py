@@ -1,5 +1,6 @@
 """Every kind of source: its sample, what that amounts to, and its cases. A new kind brings them as data."""
 
+import json
 import shutil
 import subprocess
 import sys
@@ -88,23 +89,8 @@ def test_the_library_of_bacnet_is_imported_by_who_uses_it_only() -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False, timeout=180).returncode == 0
 
 
-GONE = free_port()
-HISTORY = {"url": f"http://127.0.0.1:{GONE}", "begin": "2026-01-01T00:00:00Z"}
-NOBODY: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
-    "bacnet": ({"interface": "127.0.0.1/8", "port": GONE}, {"device": 7, "object": "analog-input,1"}, "check device"),
-    "csv": ({"files": ["gone.csv"], "timestamp": {"column": "t"}}, {"column": "T"}, "check its path"),
-    "home-assistant": ({"file": "gone.db"}, {"entity": "sensor.room"}, "copy home-assistant_v2.db"),
-    "influxdb": ({**HISTORY, "database": "house"}, {"query": '"value" FROM "degC"'}, "check url"),
-    "modbus": (
-        {"host": "127.0.0.1", "port": GONE, "first_register": 0},
-        {"register": 0, "type": "int16"},
-        "check that",
-    ),
-    "mqtt": ({"host": "127.0.0.1", "port": GONE}, {"topic": "home/T"}, "check that it is on"),
-    "opcua": ({"url": f"opc.tcp://127.0.0.1:{GONE}"}, {"node": "ns=2;s=T"}, "check url"),
-    "prometheus": (HISTORY, {"query": "up"}, "check url"),
-    "zenoh": ({"connect": [f"tcp/127.0.0.1:{GONE}"]}, {"key": "bms/T"}, "correct the address"),
-}
+TABLES = Path(__file__).with_name("nobody.json").read_text(encoding="utf-8").replace('"GONE"', "GONE")
+NOBODY = json.loads(TABLES.replace("GONE", str(free_port())))
 """Of each kind that needs somebody or something: a table that leads to nobody, a channel, and the remedy."""
 
 

@@ -3,19 +3,13 @@
 from types import SimpleNamespace
 
 import pytest
+from support.tables import tabled
 
 import adapters.rhythm
 from adapters.rhythm import Rhythm
 
 
-@pytest.mark.parametrize(
-    ("took", "began", "late"),
-    [
-        ([0.03, 0.09, 0.15, 0.0, 0.02], [0.0, 0.1, 0.2, 0.35, 0.45, 0.55], 0),
-        ([0.35, 0.0], [0.0, 0.35, 0.45], 1),
-    ],
-    ids=["one that is late moves those after it", "what was missed is not made up for"],
-)
+@tabled
 async def test_polls_keep_their_rhythm_and_late_ones_are_counted(took, began, late, caplog, monkeypatch):
     clock = SimpleNamespace(now=0.0)
 

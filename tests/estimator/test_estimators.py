@@ -1,6 +1,8 @@
 """One list of checks, run over every online estimator."""
 
 import io
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,18 +16,7 @@ from estimator.registry import ESTIMATORS, build
 from estimator.types import Mixture
 
 PERIOD = 300.0
-SMALL = {
-    "rbpf": {"particles": 120},
-    "mkf": {"particles": 40, "scenarios": 30},
-    "bank": {
-        "members": {
-            "jump": {"estimator": "mkf", "particles": 40, "scenarios": 30},
-            "ekf": {"estimator": "ekf"},
-            "rbpf": {"estimator": "rbpf", "particles": 60},
-            "arx": {"estimator": "arx"},
-        }
-    },
-}
+SMALL = json.loads(Path(__file__).with_name("small.json").read_text(encoding="utf-8"))
 VARIANTS = [(name, SMALL.get(name, {})) for name in ESTIMATORS]
 VARIANTS += [(name, SMALL.get(name, {}) | {"preset": "paper"}) for name in ("rbpf", "ekf", "ukf")]
 VARIANTS += [("mkf", SMALL["mkf"] | {"preset": preset}) for preset in ("drift", "free", "steady", "output-error")]

@@ -2,6 +2,7 @@
 
 import pandas as pd
 import pytest
+from support.tables import tabled
 from support.thermostat_house import table
 
 import thermogate as tg
@@ -60,27 +61,17 @@ def test_preheat_demand_and_comparison(model):
     assert plans.loc["cool", ("cost", "mean")] == pytest.approx(0.3 * plans.loc["cool", ("energy", "mean")])
 
 
-@pytest.mark.parametrize(
-    ("ask", "sentence"),
-    [
-        (lambda model: model.forecast({"T_set": 210.0}), "plans 210 degC; 5 to 35 degC can be planned"),
-        (lambda model: model.preheat(21.0, "soon"), "by is no time; write it as 06:30"),
-        (lambda model: model.preheat(21.0, "2020-01-01T00:00:00Z"), "which is over"),
-        (lambda model: model.preheat(21.0, "06:30", probability=2.0), "probability one between 0 and 1"),
-        (lambda model: model.demand({"u_heat": 500.0}), "the plan has u_heat; here it plans set-points only"),
-        (lambda model: model.compare({"one": {"T_set": 21.0}}), "a dict of at least two"),
-        (
-            lambda model: model.compare({"a": {"T_set": 21.0}, "b": {"T_set": 20.0}}, price=[0.3]),
-            "the price has 1 values",
-        ),
-        (lambda model: model.forecast({"T_sets": 21.0}), 'did you mean "T_set"'),
-        (lambda model: fitted(TABLE.iloc[:24]).demand(), "the model cannot say: no set-point was measured yet"),
-        (lambda model: fitted(T_set=("Set F", "W")), "columns.T_set: unit 'W' cannot be converted to degC"),
-    ],
-)
-def test_what_cannot_be_answered_is_refused_in_a_sentence(model, ask, sentence):
+@tabled
+def test_what_cannot_be_answered_is_refused_in_a_sentence(model, ask, given, settings, sentence):
     with pytest.raises(tg.ServiceError, match=sentence):
-        ask(model)
+        getattr(model, ask)(*given, **settings)
+
+
+def test_without_a_set_point_or_with_one_in_watts_there_is_a_sentence():
+    with pytest.raises(tg.ServiceError, match="the model cannot say: no set-point was measured yet"):
+        fitted(TABLE.iloc[:24]).demand()
+    with pytest.raises(tg.ServiceError, match=r"columns\.T_set: unit 'W' cannot be converted to degC"):
+        fitted(T_set=("Set F", "W"))
 
 
 def test_a_model_that_is_not_trusted_refuses(model, monkeypatch):

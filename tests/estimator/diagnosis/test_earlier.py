@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.tables import tabled
 from support.thermostat_house import recorded
 
 from estimator.diagnosis.finding import SENSOR_JUMPED, UNIT_CHANGED
@@ -58,20 +59,9 @@ STOOD = Suspicion(SENSOR_JUMPED, 0, 2.0 * DAYS)
 OTHER = Suspicion(UNIT_CHANGED, 1, 3.5 * DAYS)
 
 
-@pytest.mark.parametrize(
-    ("before", "now", "day", "since"),
-    [
-        ([], [STOOD], 2.5, 2.0),
-        ([STOOD], [STOOD], 8.5, 2.0),
-        ([STOOD], [STOOD, OTHER], 4.0, 2.0),
-        ([STOOD], [], 8.5, 2.0),
-        # What stood for a week is the truth of now, whatever was thought of it.
-        ([STOOD], [], 9.5, None),
-        ([STOOD], [STOOD], 9.5, None),
-        ([], [], 9.5, None),
-    ],
-)
+@tabled
 def test_nothing_is_believed_while_something_is_suspected(before, now, day, since):
+    before, now = ([{"stood": STOOD, "other": OTHER}[name] for name in names] for names in (before, now))
     assert doubtful_since(before, now, day * DAYS) == (None if since is None else since * DAYS)
 
 

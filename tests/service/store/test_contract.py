@@ -10,6 +10,7 @@ import pytest
 from support.fake_zones import PERIOD, START, make_sample, make_update
 from support.kept import Kept
 from support.running_zone import Announced, fed, finished, make, plumbing, straight
+from support.tables import tabled
 from support.waiting import PATIENCE
 from support.zone_samples import comparable, sample
 
@@ -133,18 +134,7 @@ async def test_a_series_is_thinned_and_hides_no_extreme(kept: Kept, page: int, m
     assert np.isnan(found.inputs[:, 1]).all(), "what was not measured has no mean"
 
 
-STATEMENTS = [
-    "UPDATE {}samples SET outputs = inputs",
-    "UPDATE {}samples SET inputs = outputs",
-    "UPDATE {}samples SET input_quality = 'good,good,good'",
-    "UPDATE {}samples SET time = time + 1",
-    "UPDATE {}samples SET setpoint = 19.0",
-    "UPDATE {}samples SET link = link + 1",
-    "DELETE FROM {}samples",
-]
-
-
-@pytest.mark.parametrize("statement", STATEMENTS)
+@tabled
 async def test_a_damaged_or_missing_sample_is_told(kept: Kept, statement: str) -> None:
     async with kept.opened("zy") as store:
         for step in range(10):

@@ -9,6 +9,7 @@ import pytest
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import StreamingResponse
 from support.served import Client, ask, config, serving
+from support.tables import tabled
 from support.waiting import until
 
 from service.publish.metrics import Metrics
@@ -56,18 +57,11 @@ def small_app() -> FastAPI:
     return app
 
 
-@pytest.mark.parametrize(
-    "begun",
-    [
-        b"GET / HTTP/1.1\r\nHost: localhost\r\nX-Slow: ",
-        b"POST /size HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n1234",
-        b"POST /size HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n4\r\n1234\r\n",
-    ],
-)
-async def test_a_request_that_does_not_come_to_its_end_is_given_up(begun: bytes) -> None:
+@tabled
+async def test_a_request_that_does_not_come_to_its_end_is_given_up(begun: str) -> None:
     async with serving(small_app(), config(limits=QUICK)) as server:
         client, trickling = await Client.to(server), await Client.to(server)
-        await client.send(begun)
+        await client.send(begun.encode())
         await trickling.send(b"GET / HTTP/1.1\r\nX: ")
 
         async def trickle() -> None:
