@@ -126,10 +126,7 @@ def test_what_only_experts_mend_calls_for_nobody_and_a_forecast_that_is_outdone_
     page = visit(serve({zone.id: zone for zone in (expert, outdone, further)}).url).page
     page.wait_for_selector(ROWS)
     assert page.locator('[data-zone="expert"] .cell-finding').inner_text() == "nothing unusual"
-    assert (
-        page.locator('[data-zone="outdone"] .cell-finding').inner_text()
-        == "some hours ahead, a simpler forecast is better"
-    )
+    assert page.locator('[data-zone="outdone"] .cell-finding').inner_text() == "in part, a simpler forecast is better"
     trust = page.locator('[data-zone="outdone"] .cell-trust')
     assert trust.text_content() == "in part: " + (trust.get_attribute("title") or "nothing")
     assert page.locator('[data-zone="further"] .cell-trust').inner_text().startswith("up to 6 h")
