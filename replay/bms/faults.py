@@ -30,6 +30,7 @@ class Kind(NamedTuple):
 
 
 SPIKE_SECONDS = 6.0
+"""Of every minute in which a value leaps."""
 
 _ANY = math.inf
 MENU: dict[str, Kind] = {
@@ -38,7 +39,9 @@ MENU: dict[str, Kind] = {
     "drift": Kind("channel", 0.1, -_ANY, _ANY, "units per minute", "the value moves away from the truth steadily"),
     "offset": Kind("channel", 2.0, -_ANY, _ANY, "units", "the value is too high by so much"),
     "factor": Kind("channel", 0.001, -_ANY, _ANY, "times", "another unit; -1 turns the sign, 0 is a dead meter"),
-    "spikes": Kind("channel", 8.0, -_ANY, _ANY, "units", "for 6 s of every minute the value leaps by so much"),
+    "spikes": Kind(
+        "channel", 8.0, -_ANY, _ANY, "units", f"for {SPIKE_SECONDS:g} s of every minute the value leaps by so much"
+    ),
     "late": Kind("channel", 60.0, 0, 3600, "s", "the value comes so much later; until then it stays as it was"),
     "swapped-words": Kind("registers", None, 0, 0, "", "the words of values longer than one register change places"),
     "exception": Kind("requests", 4.0, 1, 11, "exception code", "requests are answered with a Modbus exception"),

@@ -28,7 +28,7 @@ def report(site: str, traces: Sequence[Trace], progress: bool = False) -> Report
         document.title.format(site=site),
         tuple(map(_in_a_sentence, ranked)),
         (
-            *([document.section("All rooms", tables.to_do(traces))] if several else []),
+            *([document.section("All rooms", tables.to_do(ranked))] if several else []),
             *(section for trace in drawn for section in _zone(document, trace, several)),
             document.section(
                 "All zones",

@@ -101,8 +101,8 @@ def worst_first(traces: Sequence[Trace]) -> list[Trace]:
 
 
 def to_do(traces: Sequence[Trace]) -> Table:
-    """What to do in each zone, the worst first."""
-    rooms = ((trace.zone, trace.room) for trace in worst_first(traces) if trace.room is not None)
+    """What to do in each zone, in the order of `traces`."""
+    rooms = ((trace.zone, trace.room) for trace in traces if trace.room is not None)
     rows = tuple((zone, one.what, one.why) for zone, room in rooms for one in room.to_do)
     return Table("to-do", ("zone", "what", "why"), rows)
 
