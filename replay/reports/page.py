@@ -65,9 +65,7 @@ def _trusted(trust: Trust) -> str:
     told = f"nothing speaks against the forecasts {good} ahead" if good and not trust.beaten else ""
     care = "" if told and not doubted else "take the forecasts with care" + (f" {doubted} ahead" if doubted else "")
     reasons = dict.fromkeys(one.reason for one in trust.horizons if one.reason and one.reason not in trust.beaten)
-    # At which hours to rely on the model is told of its week: not while something disturbs these hours.
-    beaten = trust.beaten.rpartition("; ")[0] if trust.disturbed else trust.beaten
-    sentence = "; ".join(filter(None, (care, told, *reasons, beaten)))
+    sentence = "; ".join(filter(None, (care, told, *reasons, trust.beaten)))
     return sentence[0].upper() + sentence[1:]
 
 

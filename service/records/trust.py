@@ -2,7 +2,9 @@
 
 from dataclasses import replace
 
+from adapters.fields.durations import spoken_duration
 from service.records.record import Time, hidden, record, shown
+from service.records.skill import Better
 
 LEARNING, TRUSTED, DOUBTFUL, UNTRUSTED = LEVELS = ("learning", "trusted", "doubtful", "untrusted")
 """Too few forecasts were verified; plan with them; plan with care; do not plan with them."""
@@ -44,7 +46,7 @@ class Trust:
     """Mean width [K] of the 95 % intervals one step ahead in seven days, when it was last looked up."""
     # Checkpoints hold the fields in the order of the constructor: what comes new comes last.
     beaten: str = shown(
-        "where simpler forecasts were better in 7 days, and where the zone's were, as one sentence; else empty",
+        "where simpler forecasts were better in 7 days, and where to rely on the zone's now: a sentence, or empty",
         default="",
         kw_only=True,
     )
@@ -54,6 +56,8 @@ class Trust:
         default=0,
         kw_only=True,
     )
+    better: tuple[Better, ...] = hidden(default=(), kw_only=True)
+    """The simpler forecasts of `beaten`, from the shortest horizon."""
 
     def at(self, lead: float) -> HorizonTrust | None:
         """The horizon that a forecast over `lead` s falls into: the shortest that is not shorter, else the longest."""
@@ -64,4 +68,15 @@ class Trust:
 def untrusted(trust: Trust, reason: str) -> Trust:
     """`trust` of a zone that can no longer vouch for its forecasts, and why."""
     told = tuple(replace(one, level=UNTRUSTED, planned=UNTRUSTED, reason=reason) for one in trust.horizons)
-    return replace(trust, horizons=told)
+    return compared(replace(trust, horizons=told))
+
+
+def compared(trust: Trust) -> Trust:
+    """`trust` with the sentence `beaten` as its horizons are trusted now."""
+    if not trust.better:
+        return trust
+    outdone = {one.lead for one in trust.better}
+    good = [one for one in trust.horizons if one.verified == one.issued == TRUSTED and one.lead not in outdone]
+    now = ", ".join(spoken_duration(one.lead) for one in good if one.level == TRUSTED)
+    remedy = f"rely on the model {now} ahead" if now else f"do not rely on the model {'now' if good else 'yet'}"
+    return replace(trust, beaten="; ".join([*map(str, trust.better), remedy]))

@@ -10,7 +10,6 @@ worth, and not untrusted: that the heating was not foreseen is no fault that a p
 the temperature of the day before, no change, or a regression was the better forecast.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,7 +17,7 @@ from adapters.fields.durations import spoken_duration
 from estimator.diagnosis.finding import AGAINST_BALANCE, IMPLAUSIBLE, MISSES_SOMETHING, TELEMETRY, Diagnosis
 from estimator.types import Outcome
 from service.records.skill import Better, HorizonSkill, IssuedSkill, Skill
-from service.records.trust import DOUBTFUL, LEARNING, TRUSTED, UNTRUSTED, HorizonTrust, Trust
+from service.records.trust import DOUBTFUL, LEARNING, TRUSTED, UNTRUSTED, HorizonTrust, Trust, compared
 from service.records.update import Update
 
 LOOKED_BACK = (1, 7)
@@ -80,7 +79,7 @@ def judged(before: Trust, update: Update, skill: Skill | None, diagnosis: Diagno
     disturbed = high and width > (WIDE if before.disturbed else WIDER) * after.usual > 0.0
     lies = next((found.sentence for found in diagnosis.findings if found.finding in TELEMETRY), "")
     horizons = tuple(_told(one, update, disturbed, lies) for one in after.horizons)
-    return replace(after, time=update.time, horizons=horizons, disturbed=disturbed)
+    return compared(replace(after, time=update.time, horizons=horizons, disturbed=disturbed))
 
 
 def _reviewed(before: Trust, now: int, skill: Skill, diagnosis: Diagnosis) -> Trust:
@@ -99,21 +98,11 @@ def _reviewed(before: Trust, now: int, skill: Skill, diagnosis: Diagnosis) -> Tr
     return replace(
         before,
         horizons=tuple(horizons),
-        beaten=_compared(
-            better, [one.lead for one in horizons if one.lead in good and one.verified == one.issued == TRUSTED]
-        ),
+        beaten="",
+        better=tuple(better.values()),
         good_up_to=max((lead for lead in good if lead < min(better, default=lead + 1)), default=0),
         usual=usual if usual > 0.0 else 0.0,
     )
-
-
-def _compared(better: Mapping[int, Better], good: Sequence[int]) -> str:
-    """Where simpler forecasts are better, and at which horizons [s] the zone's may be relied on."""
-    if not better:
-        return ""
-    reliable = ", ".join(spoken_duration(lead) for lead in good)
-    remedy = f"rely on the model {reliable} ahead" if good else "do not rely on the model yet"
-    return "; ".join([*map(str, better.values()), remedy])
 
 
 def _verified(old: HorizonTrust, week: HorizonSkill, day: HorizonSkill, diagnosis: Diagnosis) -> HorizonTrust:

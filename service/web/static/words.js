@@ -79,8 +79,7 @@ export function doubts({ status, forecast, trust }) {
     found.push({ text: t("doubt.trust", { lead, trust: trustText(alike[0].trust) }), own: reason });
   }
   if (forecast?.regime === "high" && !trust?.disturbed) found.push({ text: t("doubt.disturbed", { gate: share(forecast.gate) }) });
-  // At which hours to rely on the model is told of its week: not while something disturbs these hours.
-  if (trust?.beaten) found.push({ text: "", own: trust.disturbed ? trust.beaten.split("; ").slice(0, -1).join("; ") : trust.beaten });
+  if (trust?.beaten) found.push({ text: "", own: trust.beaten });
   if (horizons.every(({ trust: level }) => level === "learning")) found.push({ text: t("doubt.young", { samples: number(status.samples) }) });
   return found;
 }

@@ -121,15 +121,6 @@ def test_a_report_tells_the_rooms_in_the_order_of_what_to_do(replayed):
     assert told == ["urgent", "calm"]
 
 
-def test_a_report_does_not_rely_on_what_it_doubts(replayed):
-    (trace,) = replayed[1]
-    doubted = tuple(HorizonTrust(lead, "doubtful", "a window is open", 0) for lead in (3600, 21600))
-    beaten = "6 h ahead, no change is the better forecast; rely on the model 1 h ahead"
-    made = report("site", [trace._replace(trust=Trust(0, doubted, disturbed=True, beaten=beaten))])
-    (forecasts,) = (section for section in made.sections if section.title == "Forecasts")
-    assert forecasts.paragraphs[0].endswith("a window is open; 6 h ahead, no change is the better forecast.")
-
-
 def test_the_table_has_the_figures_of_the_summary(replayed, tmp_path, capsys):
     out, traces = replayed
     assert publish_report("semi-synthetic", traces, tmp_path / "new") == 0

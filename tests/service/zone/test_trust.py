@@ -8,6 +8,7 @@ from support.tables import tabled
 
 from estimator.diagnosis.finding import Diagnosis, Finding
 from service.records.skill import HorizonSkill, IssuedSkill
+from service.records.stored import named, stored
 from service.records.trust import Trust, untrusted
 from service.records.update import Gate
 from service.zone.trust import RISES, judged
@@ -125,6 +126,13 @@ def test_a_model_that_a_simpler_forecast_outdoes_says_so(errors, expected, told,
 
 def test_no_reliance_on_a_horizon_that_is_doubted_itself():
     assert after(Trust(), outdone(arx=0.3, coverage=0.8)).beaten.endswith("; do not rely on the model yet")
+    good = after(Trust(), outdone(arx=0.3))
+    spoiled = after(good, None, update=disturbed())
+    for told in (spoiled, untrusted(good, "the zone is stalled"), after(good, None, findings=["unit-changed"])):
+        assert told.beaten.endswith("; do not rely on the model now")
+    assert named(Trust, stored(spoiled))["beaten"] == spoiled.beaten
+    assert after(spoiled, None).beaten == good.beaten
+    assert after(good, outdone()).beaten == ""
 
 
 def test_a_good_day_does_not_show_that_the_heating_is_foreseen():
@@ -153,21 +161,22 @@ def test_telemetry_that_is_not_to_be_believed_takes_all_trust_while_it_lasts():
     assert level(after(lied, None)) == "trusted"
 
 
-def test_what_acts_now_makes_the_next_hours_doubtful_until_it_is_over():
-    trust = after(Trust(), skill())
+def disturbed(sd=0.2):
     calm = make_update(20)
-    wide = replace(calm.forecast.outputs[0], sd=0.2)
-    high = calm._replace(
-        gate=Gate(0.05, "high"), forecast=calm.forecast._replace(outputs=(wide, *calm.forecast.outputs[1:]))
-    )
-    trust = after(trust, None, update=high)
+    wide = replace(calm.forecast.outputs[0], sd=sd)
+    forecast = calm.forecast._replace(outputs=(wide, *calm.forecast.outputs[1:]))
+    return calm._replace(gate=Gate(0.05, "high"), forecast=forecast)
+
+
+def test_what_acts_now_makes_the_next_hours_doubtful_until_it_is_over():
+    trust = after(after(Trust(), skill()), None, update=disturbed())
     assert trust.disturbed
     assert (level(trust, 0), level(trust)) == ("doubtful", "doubtful")
     # A little narrower, still disturbed; then over at once.
-    less = high._replace(forecast=high.forecast._replace(outputs=(replace(wide, sd=0.08),)))
+    less = disturbed(sd=0.08)
     assert after(trust, None, update=less).disturbed
     assert not after(after(Trust(), skill()), None, update=less).disturbed
-    trust = after(trust, None, update=calm)
+    trust = after(trust, None, update=make_update(20))
     assert (trust.disturbed, level(trust)) == (False, "trusted")
 
 
