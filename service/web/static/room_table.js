@@ -187,7 +187,9 @@ function roomRow(id) {
       const trust = outdone(row) ? "partly" : row.trust;
       const { text, lang } = rowTold(row);
       const why = row.trust_reason ? said(row.trust_reason) : { text: "", lang: "" };
-      set(cells.trust, { title: why.text, className: `cell-trust trust-${trust ?? "unknown"}` });
+      // Not green beside the word that something else is to be taken with care now.
+      const warned = trust === "trusted" && (row.disturbed || row.reason);
+      set(cells.trust, { title: why.text, className: `cell-trust trust-${warned ? "warned" : trust ?? "unknown"}` });
       // Where the gap lies below the hours that are trusted, "up to" would deny these.
       const horizon = outdone(row) && row.good_up_to_s >= LEADS[1][1] ? t("trust.up_to", { lead: duration(row.good_up_to_s) }) : trustText(trust);
       // Read out once, where it is not the finding as well.

@@ -106,7 +106,10 @@ SENSORS = (
             options=["learning", "trusted", "doubtful", "untrusted"],
             value=lambda topics, lead=lead: _trust(topics, lead).get("trust"),
             attributes=lambda topics, _, lead=lead: {
-                name: told[name] for told in (_trust(topics, lead),) for name in ("reason", "planned") if name in told
+                name: told[name]
+                for told in (topics.get("trust", {}) | _trust(topics, lead),)
+                for name in ("reason", "planned", "beaten")
+                if name in told
             },
         )
         for hour, lead in HOURS.items()
