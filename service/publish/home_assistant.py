@@ -76,8 +76,9 @@ def discovery(
                 "name": say(settings["name"]),
             }
             if language != LANGUAGES[0]:
-                english = f"Thermogate {zone} {settings['name']}"
-                document["default_entity_id"] = f"{component}.{_slug(english)}"
+                slug = _slug(f"Thermogate {zone} {settings['name']}")
+                # Home Assistant before 2025.10 knows the first alone; where it knows both, the second counts.
+                document |= {"object_id": slug, "default_entity_id": f"{component}.{slug}"}
             if "json_attributes_template" in settings:
                 document["json_attributes_topic"] = f"{topics}/{topic}"
             found[f"{prefix}/{component}/{identity}/{key}/config"] = json.dumps(document).encode()

@@ -37,6 +37,8 @@ from service.records.update import Disturbance
 PAGE = (ROOT / "docs" / "home-assistant.md").read_text(encoding="utf-8")
 FORECAST = "sensor.thermogate_living_forecast"
 NOISE = ((0.04, 0.05, 0.06),)
+BEATEN = "1 h ahead, no change is better"
+STUCK = "T_air has told the same to the last digit for longer than ever; check sensor"
 
 HOUSE = Path(__file__).with_name("house.yaml").read_text(encoding="utf-8")
 
@@ -65,10 +67,10 @@ def entities(document: Any) -> set[str]:
     return set(re.findall(r"(?:binary_)?sensor\.thermogate_\w+", document)) if isinstance(document, str) else set()
 
 
-def documented() -> set[str]:
-    """The entities that the table names in full, of a zone "living"."""
+def documented(zone: str = "living") -> set[str]:
+    """The entities that the table names in full, of this zone."""
     table = PAGE.partition("## What appears")[2].partition("\n## ")[0]
-    return {name.replace("<zone>", "living") for name in re.findall(r"`((?:binary_)?sensor\.[^`]*[^.`])`", table)}
+    return {name.replace("<zone>", zone) for name in re.findall(r"`((?:binary_)?sensor\.[^`]*[^.`])`", table)}
 
 
 @pytest.fixture(scope="module")
@@ -81,9 +83,13 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[HomeAssista
         yield house, site.port, folder / "house"
 
 
+def ours(house: HomeAssistant, zone: str = "") -> dict[str, Any]:
+    return {name: entity for name, entity in house.states().items() if f".thermogate_{zone}" in name}
+
+
 def unavailable(house: HomeAssistant) -> bool:
-    ours = {name: entity["state"] for name, entity in house.states().items() if ".thermogate_" in name}
-    return len(ours) > 10 and set(ours.values()) == {"unavailable"}
+    states = [entity["state"] for entity in ours(house).values()]
+    return len(states) > 10 and set(states) == {"unavailable"}
 
 
 def problem(house: HomeAssistant) -> dict[str, Any]:
@@ -102,18 +108,10 @@ def generated(body: str, attributes: dict[str, Any]) -> Any:
     return json.loads(subprocess.run([node, "-e", script], check=True, capture_output=True, text=True).stdout)
 
 
-def test_every_value_is_as_published(home: tuple[HomeAssistant, int, Path]) -> None:
-    house, port, _ = home
-    client = BrokerConfig(host="127.0.0.1", port=port, client_id="thermogate-home")
-    publisher = Publisher(client, "home", "homeassistant", "http://127.0.0.1:8080/").open()
-    publisher.add("living")
-    zone, update = (
-        doubted("living"),
-        make_update(3)._replace(disturbance=Disturbance((-900.0, -600.0, -350.0), 0.9, NOISE)),
-    )
-    stuck = Finding(
-        "sensor-stuck", "T_air", "T_air has told the same to the last digit for longer than ever; check sensor"
-    )
+def announced(name: str) -> Announcement:
+    """Everything that a zone can say, with a finding that can be mended."""
+    zone, update = doubted(name), make_update(3)._replace(disturbance=Disturbance((-900.0, -600.0, -350.0), 0.9, NOISE))
+    stuck = Finding("sensor-stuck", "T_air", STUCK)
     zone.diagnosis = zone.diagnosis._replace(findings=(*zone.diagnosis.findings, stuck))
     horizons = {
         lead: HorizonSkill.of(lead, 12, 0.95, 0.03, 0.05 * lead / 300, 0.2, lead / 1000, 0.06)
@@ -122,19 +120,42 @@ def test_every_value_is_as_published(home: tuple[HomeAssistant, int, Path]) -> N
     skill = skill_over(update.time, dict.fromkeys((1, 7, 30), tuple(horizons.values())))
     by, some = update.forecast.issue_time + 7200.0, Range(20.6, 20.1, 21.2)
     zone.updates.append(update)
-    zone.trusted = Trust(update.time, tuple(HorizonTrust(lead, "learning", "wait", update.time) for lead in horizons))
+    told = tuple(HorizonTrust(lead, "learning", "wait", update.time) for lead in horizons)
+    zone.trusted = Trust(update.time, told, beaten=BEATEN)
     zone.heating = Preheat(by - 7200.0, "trusted", 21.0, by, 0.5, 0.9, by - 3600.0, 60.0, 0.93, some, some, 17.0)
     heard = Announced()
-    asyncio.run(LookingAhead("home", {"living": zone}, [heard]).attend("living"))
-    ahead = heard.told[0].reports.ahead
-    reports = Reports(skill, trust=zone.now().trust, ahead=ahead)
-    publisher.publish(Announcement("home", "living", zone.now()._replace(update=update), Occasion.UPDATE, reports))
+    asyncio.run(LookingAhead("home", {name: zone}, [heard]).attend(name))
+    reports = Reports(skill, trust=zone.now().trust, ahead=heard.told[0].reports.ahead)
+    return Announcement("home", name, zone.now()._replace(update=update), Occasion.UPDATE, reports)
+
+
+def test_ids_are_as_documented_where_names_are_german(home: tuple[HomeAssistant, int, Path]) -> None:
+    house, port, _ = home
+    client = BrokerConfig(host="127.0.0.1", port=port, client_id="thermogate-german")
+    publisher = Publisher(client, "home", "homeassistant", language="de").open()
+    publisher.add("attic")
+    publisher.publish(announced("attic"))
+    house.until(lambda: documented("attic") <= house.states().keys())
+    assert house.render("{{ state_attr('sensor.thermogate_attic_forecast', 'friendly_name') }}").endswith("Vorhersage")
+    publisher.remove("attic")
+    house.until(lambda: not ours(house, "attic"))
+    publisher.close()
+
+
+def test_every_value_is_as_published(home: tuple[HomeAssistant, int, Path]) -> None:
+    house, port, _ = home
+    client = BrokerConfig(host="127.0.0.1", port=port, client_id="thermogate-home")
+    publisher = Publisher(client, "home", "homeassistant", "http://127.0.0.1:8080/").open()
+    publisher.add("living")
+    told = announced("living")
+    publisher.publish(told)
+    update, ahead, hour = told.update, told.reports.ahead, told.reports.skill.over(7)[1]
     house.until(lambda: float(house.state(FORECAST)))
     house.until(lambda: float(house.state("sensor.thermogate_living_skill_1h_ahead")))
     house.until(lambda: float(house.state("sensor.thermogate_living_learning_gate")))
     house.until(lambda: house.state("sensor.thermogate_living_trust_1d_ahead") == "learning")
     house.until(lambda: house.state("binary_sensor.thermogate_living_problem") == "on")
-    shown = {name: one["state"] for name, one in house.states().items() if ".thermogate_" in name}
+    shown = {name: one["state"] for name, one in ours(house).items()}
     (output,) = update.forecast.outputs
     numbers = {
         FORECAST: output.mean,
@@ -146,8 +167,8 @@ def test_every_value_is_as_published(home: tuple[HomeAssistant, int, Path]) -> N
         },
         "sensor.thermogate_living_volatility": update.volatility.median[0],
         "sensor.thermogate_living_learning_gate": update.gate.value,
-        "sensor.thermogate_living_skill_1h_ahead": horizons[3600].skill_against_persistence,
-        "sensor.thermogate_living_error_1h_ahead": horizons[3600].rmse,
+        "sensor.thermogate_living_skill_1h_ahead": hour.skill_against_persistence,
+        "sensor.thermogate_living_error_1h_ahead": hour.rmse,
     }
     assert {name: float(shown[name]) for name in numbers} == pytest.approx(numbers, abs=1e-12)
     assert shown["sensor.thermogate_living_regime"] == update.gate.regime
@@ -156,11 +177,11 @@ def test_every_value_is_as_published(home: tuple[HomeAssistant, int, Path]) -> N
     lost = house.states()["sensor.thermogate_living_unmeasured_heat"]
     assert (float(lost["state"]), lost["attributes"]["lower"], lost["attributes"]["upper"]) == (-600.0, -900.0, -350.0)
     assert {name for name, state in shown.items() if state == "on"} == {"binary_sensor.thermogate_living_problem"}
-    assert problem(house) == {"sentence": stuck.sentence, "all": [stuck.sentence]}, "the others are for experts"
+    assert problem(house) == {"sentence": STUCK, "all": [STUCK]}, "the others are for experts"
     trust = house.states()["sensor.thermogate_living_trust_1d_ahead"]["attributes"]
-    assert (trust["reason"], trust["planned"]) == ("wait", "learning")
+    assert (trust["reason"], trust["planned"], trust["beaten"]) == ("wait", "learning", BEATEN)
     start = house.states()["sensor.thermogate_living_start_heating"]
-    assert datetime.fromisoformat(start["state"]).timestamp() == by - 3600.0
+    assert datetime.fromisoformat(start["state"]).timestamp() == ahead.heating.start
     assert (start["attributes"]["target"], start["attributes"]["reached"]) == (21.0, 0.93)
     url = house.render("{{ device_attr(device_id('" + FORECAST + "'), 'configuration_url') }}")
     assert url == "http://127.0.0.1:8080/#/zone/living"
@@ -183,13 +204,12 @@ def test_every_value_is_as_published(home: tuple[HomeAssistant, int, Path]) -> N
     state = house.states()["sensor.thermogate_living_state"]
     assert (state["state"], state["attributes"]["reason"]) == ("stalled", stalled.reason)
     publisher.remove("living")
-    house.until(lambda: not any(".thermogate_" in name for name in house.states()))
+    house.until(lambda: not ours(house))
     publisher.close()
     # Home Assistant says here what it does not like about an entity.
-    ours = [line for line in house.log().splitlines() if "mqtt" in line.lower() and "ERROR" in line]
+    lines = [line for line in house.log().splitlines() if "mqtt" in line.lower() and "ERROR" in line]
     # The automation began before there was a broker.
-    ours = [line for line in ours if "mqtt.publish not found" not in line]
-    assert ours == []
+    assert [line for line in lines if "mqtt.publish not found" not in line] == []
 
 
 def test_the_walkthrough(home: tuple[HomeAssistant, int, Path], tmp_path: Path) -> None:

@@ -46,11 +46,11 @@ def test_a_german_entity_has_the_ids_of_an_english_one() -> None:
     for topic, entity in german.items():
         assert entity["unique_id"] == english[topic]["unique_id"]
         assert entity["device"]["identifiers"] == english[topic]["device"]["identifiers"]
-        assert "default_entity_id" not in english[topic], "the name says it"
+        assert not {"object_id", "default_entity_id"} & english[topic].keys(), "the name says it"
     lower = german["ha/sensor/thermogate_htwg_living/forecast_lower/config"]
     assert lower["name"] == "Vorhersage, untere Grenze (95 %)"
     # What docs/home-assistant.md names.
-    assert lower["default_entity_id"] == "sensor.thermogate_living_forecast_lower_95"
+    assert lower["default_entity_id"] == f"sensor.{lower['object_id']}" == "sensor.thermogate_living_forecast_lower_95"
     assert (
         german["ha/sensor/thermogate_htwg_living/state/config"]["device"]["model"] == "thermisches Modell eines Raums"
     )
