@@ -1,4 +1,4 @@
-"""A real InfluxDB of a test's own."""
+"""A real InfluxDB or VictoriaMetrics of a test's own."""
 
 import shutil
 import urllib.parse
@@ -41,6 +41,14 @@ def server(folder, port):
         post(table, "/query", {"q": "CREATE USER reader WITH PASSWORD 'test-only' WITH ALL PRIVILEGES"})
         post(table, "/query", {"q": "CREATE DATABASE house"})
         yield table
+
+
+def victoria(folder, port):
+    """VictoriaMetrics at `port`."""
+    if shutil.which("victoria-metrics") is None:
+        pytest.skip("VictoriaMetrics is not installed here (Debian: victoria-metrics)")
+    command = ["victoria-metrics", f"-storageDataPath={folder}", f"-httpListenAddr=127.0.0.1:{port}"]
+    return serving([*command, "-retentionPeriod=10y"], f"http://127.0.0.1:{port}/ping")
 
 
 def post(table, path, parameters, body=b""):

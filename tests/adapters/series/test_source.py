@@ -1,4 +1,4 @@
-"""Histories in databases of time series, read from a real Prometheus and a real InfluxDB."""
+"""Histories in databases of time series, read from a real Prometheus, VictoriaMetrics and InfluxDB."""
 
 import asyncio
 import shutil
@@ -10,6 +10,7 @@ import pytest
 from support import influx
 from support.processes import free_port
 from support.sources import bound, source_table
+from support.waiting import wait_until
 from support.web_answers import answering
 
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
@@ -41,27 +42,42 @@ def readings(*asked, start=None, **keys):
     return asyncio.run(run())
 
 
-@pytest.fixture(scope="module")
-def prometheus(tmp_path_factory):
-    if shutil.which("promtool") is None or shutil.which("prometheus") is None:
-        pytest.skip("Prometheus is not installed here (Debian: prometheus)")
-    folder, port = tmp_path_factory.mktemp("prometheus"), free_port()
-    lines = ["# TYPE room_temperature gauge"]
-    for room, level in (("101", 20.0), ("102", 22.0)):
-        lines += [
-            f'room_temperature{{room="{room}"}} {level + 0.01 * minute:.2f} {BEGIN + 60 * minute}'
-            for minute in range(MINUTES)
-            if not 60 <= minute < 90
-        ]
-    lines += ["# TYPE meter counter"]
-    lines += [f"meter_total {0.01 * minute:.2f} {BEGIN + 60 * minute}" for minute in range(MINUTES)]
-    (folder / "past.txt").write_text("\n".join([*lines, "# EOF", ""]))
+def exposed(scale=1):
+    """Two rooms and a meter as Prometheus writes them; `scale` is the times' per second."""
+    rooms = [
+        f'room_temperature{{room="{room}"}} {level + 0.01 * minute:.2f} {scale * (BEGIN + 60 * minute)}'
+        for room, level in (("101", 20.0), ("102", 22.0))
+        for minute in range(MINUTES)
+        if not 60 <= minute < 90
+    ]
+    meter = [f"meter_total {0.01 * minute:.2f} {scale * (BEGIN + 60 * minute)}" for minute in range(MINUTES)]
+    return "\n".join(["# TYPE room_temperature gauge", *rooms, "# TYPE meter counter", *meter, "# EOF", ""])
+
+
+def of_prometheus(folder, port):
+    (folder / "past.txt").write_text(exposed())
     (folder / "prometheus.yml").write_text("global: {}\n")
     made = ["promtool", "tsdb", "create-blocks-from", "openmetrics", folder / "past.txt", folder / "data"]
     subprocess.run(made, check=True, stdout=subprocess.DEVNULL)
     command = ["prometheus", f"--config.file={folder / 'prometheus.yml'}", f"--storage.tsdb.path={folder / 'data'}"]
-    with influx.serving([*command, f"--web.listen-address=127.0.0.1:{port}"], f"http://127.0.0.1:{port}/-/ready"):
-        yield {"kind": "prometheus", "url": f"http://127.0.0.1:{port}"}
+    return influx.serving([*command, f"--web.listen-address=127.0.0.1:{port}"], f"http://127.0.0.1:{port}/-/ready")
+
+
+@pytest.fixture(scope="module", params=["prometheus", "victoria-metrics"])
+def ranges(request, tmp_path_factory):
+    """A database with range queries."""
+    if shutil.which(request.param) is None:
+        pytest.skip(f"{request.param} is not installed here (a package of Debian)")
+    folder, port = tmp_path_factory.mktemp(request.param), free_port()
+    table = {"kind": "prometheus", "url": f"http://127.0.0.1:{port}"}
+    if request.param == "prometheus":
+        with of_prometheus(folder, port):
+            yield table
+    else:
+        with influx.victoria(folder, port):
+            influx.answer(f"{table['url']}/api/v1/import/prometheus", exposed(1000).encode())
+            wait_until(lambda: len(readings(table, "meter_total")) == MINUTES)
+            yield table
 
 
 @pytest.fixture(scope="module")
@@ -84,27 +100,27 @@ def expected(first=0):
     return [(minute, round(20 + 0.01 * minute, 2)) for minute in range(first, MINUTES) if not 60 <= minute < 90]
 
 
-def test_prometheus_gives_every_step_and_what_is_older_than_five_minutes_is_missing(prometheus):
-    found = readings(prometheus, 'room_temperature{room="101"}')
-    # A value counts for the five minutes after it, and no longer.
+def test_every_step_has_its_value_and_what_is_older_than_five_minutes_is_missing(ranges):
+    found = readings(ranges, 'room_temperature{room="101"}')
+    # A value counts for at most the five minutes after it.
     held = [(minute, 20.59) for minute in range(60, 65)]
     assert [pair for pair in found if pair not in held] == [(float(m), v) for m, v in expected()]
-    assert readings(prometheus, 'room_temperature{room="101"}', start=BEGIN + 6000.0) == [
+    assert readings(ranges, 'room_temperature{room="101"}', start=BEGIN + 6000.0) == [
         (float(minute), value) for minute, value in expected(100)
     ]
-    assert readings(prometheus, 'room_temperature{room="303"}') == []
+    assert readings(ranges, 'room_temperature{room="303"}') == []
 
 
-def test_a_counter_in_prometheus_becomes_power(prometheus):
-    found = readings(prometheus, "meter_total", unit="kWh", to="W", minutes=5)
+def test_a_counter_becomes_power(ranges):
+    found = readings(ranges, "meter_total", unit="kWh", to="W", minutes=5)
     assert found == [(float(minute), pytest.approx(600.0)) for minute in range(4)]
 
 
-def test_several_series_and_wrong_expressions_are_refused_in_a_sentence(prometheus):
+def test_several_series_and_wrong_expressions_are_refused_in_a_sentence(ranges):
     with pytest.raises(SourceConfigError, match=r"^sources\.past: .* gives 2 series .*add labels"):
-        readings(prometheus, "room_temperature")
+        readings(ranges, "room_temperature")
     with pytest.raises(SourceConfigError, match="refuses the question"):
-        readings(prometheus, "room_temperature{")
+        readings(ranges, "room_temperature{")
 
 
 def test_influxdb_gives_the_means_of_every_step(influxdb):
@@ -129,8 +145,8 @@ def test_influxdb_refuses_in_a_sentence(influxdb, tmp_path):
         readings(elsewhere, '"value" FROM "degC"')
 
 
-def test_probe_shows_the_newest_value(prometheus):
-    (probe,) = asyncio.run(source(prometheus, 'room_temperature{room="101"}', minutes=10).probe(1.0))
+def test_probe_shows_the_newest_value(ranges):
+    (probe,) = asyncio.run(source(ranges, 'room_temperature{room="101"}', minutes=10).probe(1.0))
     assert (probe.value, probe.time, probe.verdict) == (20.09, BEGIN + 540, "good")
 
 

@@ -1,4 +1,4 @@
-"""What zones announce as line protocol: read by another parser, and by a real InfluxDB."""
+"""What zones announce as line protocol: read by another parser, a real InfluxDB and a real VictoriaMetrics."""
 
 import json
 import logging
@@ -178,6 +178,21 @@ def test_a_database_has_what_was_announced_while_it_was_away(tmp_path: Path, cap
         for sink in sinks:
             sink.close()
             sink.close()
+
+
+def test_victoriametrics_has_the_numbers_of_what_was_announced(tmp_path: Path) -> None:
+    port = free_port()
+    sink, told = opened(url=f"http://127.0.0.1:{port}"), json.loads(everything().payload("forecast"))
+    asked = f"http://127.0.0.1:{port}/api/v1/export?match[]=thermogate_forecast_outputs_mean"
+    try:
+        sink.publish(everything())
+        with influx.victoria(tmp_path, port):
+            series = json.loads(wait_until(lambda: (said := influx.answer(asked)) != "empty" and said))
+    finally:
+        sink.close()
+    assert series["values"] == pytest.approx([told["mean"]])
+    assert series["timestamps"] == [1000 * seconds(told, "valid_time")]
+    assert {name: series["metric"][name] for name in ("site", "zone")} == {"site": "htwg", "zone": "living"}
 
 
 def test_a_database_that_never_answers_holds_nobody_up() -> None:
