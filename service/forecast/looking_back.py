@@ -1,6 +1,7 @@
 """Answers about a room that look back: how long warming up took, what an open window cost, why forecasts were wrong."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -9,7 +10,11 @@ import numpy.typing as npt
 from adapters.timestamps import time_zone
 from estimator.arrays import Array
 from estimator.diagnosis.finding import amount
+from estimator.network.assembly import assemble
+from estimator.network.discretise import discretise
+from estimator.network.network import HeatInput
 from service.forecast.answers import RoomAnswer
+from service.forecast.learned import model_draws
 from service.zone.worker import ZoneWorker
 
 _HOUR, _DAY = 3600.0, 86400.0
@@ -28,6 +33,8 @@ _UNUSUAL = 0.5
 """Standard deviations of an input from what is usual at the hour, on the mean of a day, that are worth a word."""
 _OFTEN = 0.1
 """Share of the time from which heat is lost too often for an open window."""
+_DRAWS = 64
+"""Of the posterior, whose mean is the model that tells how much heat was lost."""
 _NOTED = 0.05
 """kWh of lost heat that are worth a sentence."""
 
@@ -82,12 +89,52 @@ def likely_lost(gain: Array) -> npt.NDArray[np.bool_]:
     return lost
 
 
-def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Iterator[RoomAnswer]:
+def needed_heat(worker: ZoneWorker, times: Array, step: float, temperature: Array, inputs: Array) -> Array:
+    """(K,): heat [W] that nobody measures, without that of the sun, with which the learned room follows its
+    `temperature` (K,) [degC] under `inputs` (K, n_u), from each of the intervals of `step` s at `times` [UTC s] to the
+    next. The filter expects little of such heat, and tells about half of what a window takes.
+    """
+    standing = worker.standing
+    assert standing is not None
+    draws = model_draws(worker, standing, _DRAWS)
+    network = draws.network
+    heats = [HeatInput(term.name, term.node) for term in network.terms]
+    heats.append(HeatInput("unmeasured heat", network.measured[0]))
+    heated = replace(network, heat_inputs=(*network.heat_inputs, *heats))
+    exact = discretise(assemble(heated, draws.point[:, None]), step)
+    room, warms = exact.transition[0], exact.input[0, :, -1]
+    size, node, own = len(room), network.nodes.index(network.measured[0]), len(network.inputs)
+    known = worker.loop.driving(times, np.where(np.isfinite(inputs), inputs, _mean(inputs)))
+    known = known[:, worker.network.columns(network)]
+    terms = zip(network.terms, draws.coefficients, strict=True)
+    known[:, own:] *= [term.name.startswith("sun") * (row @ draws.weights) for term, row in terms]
+    pushes = known @ exact.input[0, :, :-1].T
+    # It begins as what stays as it is: at the mean of the first day, with the heat that this needs.
+    first = slice(0, max(1, round(_DAY / step)))
+    still = np.block([[np.eye(size) - room, -warms[:, None]], [np.eye(size + 1)[node]]])
+    state = np.linalg.solve(still, np.append(pushes[first].mean(axis=0), _mean(temperature[first])))[:size]
+    found = np.zeros(len(times))
+    for k, follows in enumerate(np.diff(times) < 1.5 * step):
+        state = room @ state + pushes[k]
+        missed = temperature[k + 1] - state[node]
+        if follows and np.isfinite(missed):
+            found[k] = missed / warms[node]
+            state = state + warms * found[k]
+    return found
+
+
+def _mean(values: Array) -> Array:
+    """The mean of each column, of what is known."""
+    return np.asarray(np.nansum(values, axis=0) / np.maximum(1, np.isfinite(values).sum(axis=0)))
+
+
+def lost_heat(times: Array, step: float, gain: Array, zone: str | None, needed: Array) -> Iterator[RoomAnswer]:
     """The heat that was lost, and that nobody measures, as through an open window.
 
     `gain` (K, 3) [W] has the .025, .5 and .975 quantiles of unmeasured heat in the intervals of `step` s that begin at
-    `times` (K,) [UTC s]; `zone` is the IANA name of the local time. Errors of one loss are taken to err together. A
-    loss that was certain at some time counts from when to when it was likely: a filter is sure only after a while.
+    `times` (K,) [UTC s]: they tell when, and how sure it is, and `needed` (K,) [W] how much. `zone` is the IANA name of
+    the local time. Errors of one loss are taken to err together. A loss that was certain at some time counts from when
+    to when it was likely, and the interval before: a filter is sure only after a while.
     """
     if not np.isfinite(gain).any():
         return
@@ -100,11 +147,13 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None) -> Itera
         )
         yield RoomAnswer("window", sentence, "kWh")
         return
-    follows = np.concatenate([[False], likely[1:] & likely[:-1] & (np.diff(times) < 1.5 * step)])
+    next_to = np.diff(times) < 1.5 * step
+    likely[:-1] |= likely[1:] & next_to
+    follows = np.concatenate([[False], likely[1:] & likely[:-1] & next_to])
     number = np.cumsum(likely & ~follows)
     lost = likely & np.isin(number, number[lost])
     # .975, .5 and .025 quantile of the gain: the least, the likely and the most that was lost.
-    energy = np.where(lost[:, None], -gain[:, ::-1], 0.0) * step / _KWH
+    energy = np.where(lost[:, None], gain[:, 1:2] - needed[:, None] - gain[:, ::-1], 0.0) * step / _KWH
     low, most_likely, high = energy.sum(axis=0).tolist()
     days = len(times) * step / _DAY
     if most_likely < _NOTED:

@@ -31,6 +31,7 @@ from service.forecast.looking_back import (
     last_day,
     likely_lost,
     lost_heat,
+    needed_heat,
     often_lost,
     spoken_stretch,
     warming_up,
@@ -127,6 +128,9 @@ class RoomQuestion(NamedTuple):
         metered, shares = _metered(worker.network, self.past, standing), Shares.of(worker)
         doubt = _doubt(diagnosis, loss, metered)
         own = self.past.inputs * shares.medians
+        times, step, needed = self.past.times, self.past.step, self.past.gain[:, 1]
+        if np.isfinite(needed).any():
+            needed = needed_heat(worker, times, step, self.past.temperature, self.past.inputs)
         answers = [
             comfort.answer(self.past, self.zone),
             self._entered(
@@ -136,8 +140,8 @@ class RoomQuestion(NamedTuple):
             *warming_up(self.past.step, self.past.temperature, self.past.setpoint, COLD),
             _heat_answer(elsewhere, sun, people, metered),
             *map(self._entered, _energy(worker, self.past, shares, loss, doubt)),
-            *lost_heat(self.past.times, self.past.step, self.past.gain, self.zone),
-            *last_day(worker, self.past.times, self.past.step, own, self.past.gain[:, 1]),
+            *lost_heat(times, step, self.past.gain, self.zone, needed),
+            *last_day(worker, times, step, own, needed),
         ]
         warming = next((one.value for one in answers if one.about == "warming_up"), 0.0)
         use = _Use(

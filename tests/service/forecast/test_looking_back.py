@@ -14,6 +14,10 @@ TIMES = 1_767_571_200.0 + STEP * np.arange(DAYS * 144)
 CALM = np.tile([-80.0, 0.0, 90.0], (len(TIMES), 1))
 
 
+def lost(times, step, gain, zone, needed=None):
+    return list(lost_heat(times, step, gain, zone, gain[:, 1] if needed is None else needed))
+
+
 def opened(*stretches):
     """Gain with windows open over `stretches` of places, each with its heat [W]."""
     gain = CALM.copy()
@@ -24,41 +28,44 @@ def opened(*stretches):
 
 def test_heat_lost_through_windows_is_the_sum_of_what_was_lost_for_certain():
     gain = opened((72, 78, 1200.0), (300, 303, 900.0), (400, 500, 90.0))
-    (answer,) = lost_heat(TIMES, STEP, gain, "Europe/Berlin")
+    (answer,) = lost(TIMES, STEP, gain, "Europe/Berlin")
     assert answer.value == pytest.approx(1.2 + 0.45), "the third may be nothing"
-    assert (answer.lower, answer.upper) == (pytest.approx(1.1 + 0.4), pytest.approx(1.3 + 0.5))
-    assert "; 1.2 kWh of it from 2026-01-05 13:00 to 14:00" in answer.sentence
+    assert (answer.lower, answer.upper) == (pytest.approx(1.1 + 0.37), pytest.approx(1.3 + 0.5 + 0.08 / 3.0))
+    assert "; 1.2 kWh of it from 2026-01-05 12:50 to 14:00" in answer.sentence, "the filter is sure an interval later"
     assert "kein" not in sayer("de")(answer.sentence)
     gain[[70, 71, 78]] = -1300.0, -1200.0, 0.0
-    (answer,) = lost_heat(TIMES, STEP, gain, "Europe/Berlin")
-    assert "; 1.8 kWh of it from 2026-01-05 12:40 to 14:10" in answer.sentence, "sure only after a while"
-    assert (answer.lower, answer.upper) == (pytest.approx(1.1 + 0.4), pytest.approx(1.3 + 0.5 + 0.65))
+    (answer,) = lost(TIMES, STEP, gain, "Europe/Berlin")
+    assert "; 1.8 kWh of it from 2026-01-05 12:30 to 14:10" in answer.sentence, "sure only after a while"
+    assert (answer.lower, answer.upper) == (pytest.approx(1.1 + 0.37), pytest.approx(1.3 + 0.5 + 0.65 + 0.08 / 3.0))
+    (twice,) = lost(TIMES, STEP, gain, "Europe/Berlin", 2.0 * gain[:, 1])
+    width = answer.upper - answer.lower
+    assert (twice.value, twice.upper - twice.lower) == (pytest.approx(2.0 * answer.value), pytest.approx(width))
 
 
 def test_a_gap_parts_two_losses():
     gain = opened((72, 84, 1200.0))
     times = TIMES.copy()
     times[78:] += 86_400.0
-    (answer,) = lost_heat(times, STEP, gain, None)
+    (answer,) = lost(times, STEP, gain, None)
     assert answer.value == pytest.approx(2.4)
-    assert "; 1.2 kWh of it from 2026-01-05 12:00 to 13:00" in answer.sentence
-    (answer,) = lost_heat(TIMES, STEP, opened((72, 84, 1200.0)), None)
-    assert answer.sentence.endswith("; all of it from 2026-01-05 12:00 to 14:00")
-    (answer,) = lost_heat(TIMES, STEP, opened((138, 150, 1200.0)), None)
-    assert answer.sentence.endswith("; all of it from 2026-01-05 23:00 to 2026-01-06 01:00")
+    assert "; 1.2 kWh of it from 2026-01-05 11:50 to 13:00" in answer.sentence
+    (answer,) = lost(TIMES, STEP, opened((72, 84, 1200.0)), None)
+    assert answer.sentence.endswith("; all of it from 2026-01-05 11:50 to 14:00")
+    (answer,) = lost(TIMES, STEP, opened((138, 150, 1200.0)), None)
+    assert answer.sentence.endswith("; all of it from 2026-01-05 22:50 to 2026-01-06 01:00")
 
 
 def test_heat_that_is_lost_too_often_is_no_window():
-    (answer,) = lost_heat(TIMES, STEP, opened((100, 180, 900.0)), None)
+    (answer,) = lost(TIMES, STEP, opened((100, 180, 900.0)), None)
     assert answer.sentence.startswith("What an open window took away is not known")
     assert sayer("de")(answer.sentence).endswith("denn 11 % der Zeit kommt und geht Wärme, die niemand misst")
     assert np.isnan(answer.value)
 
 
 def test_a_closed_window_is_told_and_an_unknown_gain_is_not():
-    (answer,) = lost_heat(TIMES, STEP, CALM, None)
+    (answer,) = lost(TIMES, STEP, CALM, None)
     assert answer.sentence == "No open window was noticed in 5.0 days"
-    assert list(lost_heat(TIMES, STEP, np.full_like(CALM, np.nan), None)) == []
+    assert list(lost(TIMES, STEP, np.full_like(CALM, np.nan), None)) == []
 
 
 def mornings(*delays, days=5):

@@ -17,6 +17,7 @@ from estimator.network.assembly import assemble
 from estimator.network.discretise import heat_loss
 from replay.reports.language import sayer
 from service.forecast import room
+from service.forecast.looking_back import needed_heat
 from service.forecast.room import MOST, Past, RoomQuestion, _highest, _loss, highest
 from service.records.sample import Sample
 from service.records.trust import HorizonTrust, Trust
@@ -52,6 +53,15 @@ def asked(worker, past=PAST, **about):
 
 def answers(room):
     return {one.about: one for one in room.answers}
+
+
+def test_heat_that_the_room_needs_is_what_nobody_measured(worker):
+    """Whole, where a filter that expects little of such heat would tell a part."""
+    hidden = np.where(np.arange(len(TIMES)) // 6 == 20, 800.0, 0.0)
+    less = INPUTS - np.outer(hidden, [0.0, 1.0])
+    plain, found = (needed_heat(worker, TIMES, PERIOD, OUTPUTS[:, 0], inputs) for inputs in (INPUTS, less))
+    assert found - plain == pytest.approx(hidden, abs=1e-6)
+    assert abs(plain.mean()) < 50.0, "of the house nothing is unmeasured"
 
 
 def test_comfort_counts_hours_against_the_set_point(worker):
