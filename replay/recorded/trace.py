@@ -15,9 +15,11 @@ from estimator.verification.hindsight import SAMPLES
 from replay.localtime import DAY, HOUR, Seconds, wall_clock
 from service.config.fitting import power_entered
 from service.config.site import ZoneConfig
+from service.forecast.ahead import NextRise, next_heating
 from service.forecast.answers import LearnedLaw, Room
 from service.forecast.learned import learned_laws
 from service.forecast.room import Past, RoomQuestion
+from service.publish.payloads import NextHeatingPayload
 from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.record import values
 from service.records.series import GAIN
@@ -80,6 +82,8 @@ class Trace(NamedTuple):
     """Of the thermostat."""
     room: Room | None = None
     """How the room did over the last weeks of the period, and what to do; None without a sample."""
+    heating: NextHeatingPayload | None = None
+    """When to start heating after the period; None as it is for a daemon."""
     trust: Trust = Trust()
     """How far the forecasts can be relied on at the end."""
     time_zone: str | None = None
@@ -108,12 +112,14 @@ class Trace(NamedTuple):
 
 def known_by(worker: ZoneWorker, zone: ZoneConfig, trace: Trace) -> Trace:
     """`trace` with all that the `worker` of its `zone` has come to know."""
+    rise = NextRise.within_a_day(worker.period)
     return trace._replace(
         skill=worker.skill(),
         diagnosis=worker.diagnosis(),
         trust=worker.trust,
         laws=learned_laws(worker),
         room=_room_of(worker, zone, trace),
+        heating=next_heating(rise(worker, NO_WEATHER, lambda: False), worker.trust),
     )
 
 

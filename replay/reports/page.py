@@ -6,6 +6,7 @@ import numpy as np
 from tqdm import tqdm
 
 from adapters.fields.durations import spoken_duration
+from replay.localtime import HOUR
 from replay.recorded.trace import Trace
 from replay.reports import plots, tables
 from replay.reports.advice import advice
@@ -14,6 +15,7 @@ from replay.reports.kit.report import Plot, Report, Section
 from replay.reports.kit.table import Table
 from replay.reports.residuals import diagnostics
 from service.forecast.answers import Room
+from service.forecast.heating import COLD
 from service.recordings.progress import SLOW
 from service.records.trust import DOUBTFUL, TRUSTED, UNTRUSTED, Trust
 
@@ -69,6 +71,25 @@ def _trusted(trust: Trust) -> str:
     return sentence[0].upper() + sentence[1:]
 
 
+def _start(document: Document, trace: Trace) -> str:
+    """When to start heating, in the words of the page."""
+    found = trace.heating
+    if found is None:
+        return ""
+    begin = found.start or float(trace.rows[-1].time + trace.period)
+    hours = (found.by - begin) / HOUR
+    (told,) = document.lines(
+        "When to start heating" if found.start else "Too late to heat",
+        begin=trace.moment(int(begin)),
+        before=f"{hours:.2g} h" if hours >= 1.0 else f"{60.0 * hours:.2g} min",
+        by=trace.moment(int(found.by)),
+        target=found.target,
+        tolerance=COLD,
+        share=100.0 * found.reached,
+    )
+    return told
+
+
 def _zone(document: Document, trace: Trace, named: bool) -> Iterator[Section]:
     found, looked, room = diagnostics(trace), len(trace.looks) > 0, trace.room
     seen = len(found.pit) > 0
@@ -84,7 +105,9 @@ def _zone(document: Document, trace: Trace, named: bool) -> Iterator[Section]:
         warmed = max(np.nanmax(room.sun), np.nanmax(room.people)) > 0.0
         answers = PARTED.join(_answers(room))
         drawn = plots.heat(trace, room) if warmed else None
-        yield section("How is this room?", tables.answers(room), drawn, answers=answers)
+        yield section(
+            "How is this room?", tables.answers(room), drawn, answers=answers, heating=_start(document, trace)
+        )
     yield section(
         "Forecasts",
         tables.skill([trace]),

@@ -5,7 +5,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from service.publish.events import Streams
 from service.publish.payloads import AheadPayload, NextHeatingPayload
 from service.publish.sinks import Announcement, Occasion, Reports, Sink, tell
 from service.records.outlook import Weather
+from service.records.trust import Trust
 from service.records.view import ZoneView
 from service.zone.worker import ZoneWorker
 
@@ -42,6 +43,11 @@ class NextRise(NamedTuple):
 
     steps: int
 
+    @classmethod
+    def within_a_day(cls, period: float) -> Self:
+        """As far as a zone with this `period` [s] looks ahead."""
+        return cls(min(round(max(HORIZONS) / period) - 1, MAX_STEPS))
+
     def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> Preheat | None:
         """The answer; None without a law of the thermostat, and where the set-point does not rise next."""
         standing = worker.unstalled
@@ -59,6 +65,14 @@ class NextRise(NamedTuple):
             return None
         target, by = float(thermostat.setpoint + above[changes[0]]), float(times[changes[0]])
         return PreheatQuestion(target, by, PROBABILITY, COLD)(worker, weather, given_up)
+
+
+def next_heating(found: Preheat | None, trust: Trust) -> NextHeatingPayload | None:
+    """What is told unasked of the answer to `NextRise` by a zone with this `trust`."""
+    # A model that doubts that any start suffices has not seen such a night: unasked it had better be silent.
+    if found is None or found.reached < 0.5 or refusal(trust, found.by - found.issue_time) is not None:
+        return None
+    return NextHeatingPayload(found.target, found.by, found.probability, found.start, found.reached)
 
 
 class LookingAhead:
@@ -103,28 +117,21 @@ class LookingAhead:
 
     async def _look(self, view: ZoneView) -> None:
         """Look ahead for a zone and all that share walls with it."""
-        steps = min(round(max(HORIZONS) / view.period) - 1, MAX_STEPS)
-        if steps < 1:
+        rise = NextRise.within_a_day(view.period)
+        if rise.steps < 1:
             return
         began, first = time.monotonic(), not self._told
         together = [view, *neighbourhood([view], self._zones)]
-        request = ForecastRequest(together, steps * view.period, (LEVEL,))
+        request = ForecastRequest(together, rise.steps * view.period, (LEVEL,))
         for one, fan in zip(together, await forecasts(request, request.plans[0]), strict=True):
             if isinstance(fan, ServiceError):
                 _log.debug("zone '%s' does not look ahead now: %s", one.id, fan)
             elif fan is not None:
-                heating = await self._heating(one, steps)
+                heating = next_heating(await one.ask(rise), one.now().trust)
                 await self._announce(one, AheadPayload.of(fan, one.now().status, one.surroundings.limits, heating))
         # The first compiles, which no other does again.
         if not first:
             await asyncio.sleep((time.monotonic() - began) * (1.0 / SHARE - 1.0))
-
-    async def _heating(self, view: ZoneView, steps: int) -> NextHeatingPayload | None:
-        found = await view.ask(NextRise(steps))
-        # A model that doubts that any start suffices has not seen such a night: unasked it had better be silent.
-        if found is None or found.reached < 0.5 or refusal(view.now().trust, found.by - found.issue_time) is not None:
-            return None
-        return NextHeatingPayload(found.target, found.by, found.probability, found.start, found.reached)
 
     async def _announce(self, view: ZoneView, ahead: AheadPayload) -> None:
         self._told[view.id] = ahead

@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ from service.config.kept import keep_configuration
 from service.config.load import load
 from service.errors import ServiceError, StateMismatch
 from service.forecast.answers import ToDo
+from service.publish.payloads import NextHeatingPayload
 from service.records.sample import Sample
 from service.records.trust import HorizonTrust, Trust
 from service.store.checkpoint import CheckpointStore
@@ -111,6 +113,21 @@ def test_a_report_tells_how_far_its_forecasts_can_be_relied_on(replayed, levels,
     (forecasts,) = (section for section in made.sections if section.title == "Forecasts")
     assert forecasts.paragraphs[0].endswith(told)
     assert made.sections[-1].paragraphs[0] == "Learned anew.", "where figures come from keeps nobody from them"
+
+
+def test_a_report_tells_when_to_start_heating_in_the_words_of_the_page(replayed):
+    (trace,) = replayed[1]
+    end = trace.rows[-1].time + trace.period
+    heating = NextHeatingPayload(21.0, end + 25200.0, 0.9, end + 19800.0, 0.93)
+    early, late = (
+        report("site", [trace._replace(heating=one)]).sections[0].paragraphs
+        for one in (heating, replace(heating, start=None))
+    )
+    (sentence,) = (text for text in early if text.startswith("When to start heating: "))
+    assert f"start at {trace.moment(end + 19800)}, 1.5 h before: then it has 21.0 °C, or at most 0.5 K less" in sentence
+    words = re.escape(json.loads(files("service.web").joinpath("static/text-de.json").read_text())["preheat.start"])
+    assert re.fullmatch(".+: " + re.sub(r"\\\{\w+\\\}", ".+", words), sayer("de")(sentence))
+    assert any(f"even if heating starts at {trace.moment(end)}, " in text for text in late)
 
 
 def test_a_report_tells_the_rooms_in_the_order_of_what_to_do(replayed):
