@@ -23,7 +23,10 @@ from service.cli.arguments import AddCommand
 from service.daemon.process import prepare_process
 from service.errors import ConfigError, ServiceError, one_line
 
-_DESCRIPTION = "Calibrated forecasts, volatility and learning gate for every zone of a building, learned online."
+_DESCRIPTION = (
+    "Learns from the telemetry of a building how each room gains and loses heat, and forecasts its temperature up to a "
+    "day ahead: with an interval, and whether to trust it. Begin with demo; with a building of your own, with check."
+)
 _SET_HELP = (
     "change the configuration for this call: a dotted key and a TOML value, such as http.port=8081 or "
     "zones.living.period=10min (zones by id or index); may be given several times. Relative paths in it are taken "

@@ -162,13 +162,13 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None, needed: 
         return
     each = np.bincount(number, energy[:, 1])
     most = int(np.argmax(each))
-    part = "all" if (number[lost] == most).all() else f"{_energy(float(each[most]))} kWh"
+    part = "all" if (number[lost] == most).all() else f"{spoken_energy(float(each[most]))} kWh"
     inside = times[lost & (number == most)]
     begin, end = spoken_stretch(inside[0], inside[-1] + step, zone)
+    least, about, largest = map(spoken_energy, (low, most_likely, high))
     sentence = (
-        f"An open window, or something else that nobody measures, took away about {_energy(most_likely)} kWh more "
-        f"than people brought meanwhile, in {days:.1f} days; 95 % between {_energy(low)} and {_energy(high)} kWh; "
-        f"{part} of it from {begin} to {end}"
+        f"An open window, or something else that nobody measures, took away about {about} kWh more than people brought "
+        f"meanwhile, in {days:.1f} days; 95 % between {least} and {largest} kWh; {part} of it from {begin} to {end}"
     )
     yield RoomAnswer("window", sentence, "kWh", most_likely, low, high)
 
@@ -180,7 +180,7 @@ def spoken_stretch(begin: float, end: float, zone: str | None) -> tuple[str, str
     return f"{first:%Y-%m-%d %H:%M}", f"{last:%H:%M}" if first.date() == last.date() else f"{last:%Y-%m-%d %H:%M}"
 
 
-def _energy(kwh: float) -> str:
+def spoken_energy(kwh: float) -> str:
     """As people write an energy, which nobody knows to the watt-hour."""
     return amount(float(f"{round(kwh, 2):.2g}"))
 
@@ -242,7 +242,7 @@ def _unmeasured(times: Array, gain: Array) -> str:
     """How heat that nobody measures explains an error; empty where it does not."""
     away = _against_usual(times, gain) * _DAY / _KWH
     if away > 10.0 * _NOTED:
-        return f"people, or something else that nobody measures, brought {_energy(away)} kWh more than usual"
+        return f"people, or something else that nobody measures, brought {spoken_energy(away)} kWh more than usual"
     if away < -10.0 * _NOTED:
         # How much a window took is told by itself: here it would be less the heat of people who stayed away.
         return "an open window took heat away, or people brought less than usual"

@@ -33,6 +33,7 @@ from service.forecast.looking_back import (
     lost_heat,
     needed_heat,
     often_lost,
+    spoken_energy,
     spoken_stretch,
     warming_up,
 )
@@ -478,9 +479,9 @@ def _energy(worker: ZoneWorker, past: Past, shares: Shares, loss: Array | None, 
         why = "the room was hardly cooled" if cooling else "mostly other heat keeps the room warm"
         yield RoomAnswer("saving", f"What {one} would have saved is not known, for {why}", "kWh")
         return
-    parts = [f"{one} would have saved about {amount(saved)} kWh ({100.0 * saved / total:.0f} %)"]
+    parts = [f"{one} would have saved about {spoken_energy(saved)} kWh ({100.0 * saved / total:.0f} %)"]
     if np.isfinite(low):
-        parts.append(f"95 % between {amount(low)} and {amount(high)} kWh")
+        parts.append(f"95 % between {spoken_energy(low)} and {spoken_energy(high)} kWh")
     yield RoomAnswer("saving", "; ".join(parts), "kWh", saved, low, high)
 
 

@@ -158,10 +158,7 @@ def test_trust_is_told_with_its_reason(serve: Any, visit: Any) -> None:
     zone.trusted = Trust(
         START, horizons[:1], beaten="6 h ahead, a simple estimate from the last hours is the better forecast"
     )
-    page.goto(house.url)
-    page.wait_for_selector('[data-zone="living"]')
-    assert "simpler forecast" in page.locator('[data-zone="living"] .cell-finding').inner_text()
-    page.locator('[data-zone="living"] a').click()
+    page.reload()
     page.wait_for_selector("text=Take the forecast with care where a simpler one is better:")
     page.wait_for_selector(".doubt.warned >> text=a simple estimate from the last hours is the better forecast")
 

@@ -113,14 +113,12 @@ def announced(name: str) -> Announcement:
     zone, update = doubted(name), make_update(3)._replace(disturbance=Disturbance((-900.0, -600.0, -350.0), 0.9, NOISE))
     stuck = Finding("sensor-stuck", "T_air", STUCK)
     zone.diagnosis = zone.diagnosis._replace(findings=(*zone.diagnosis.findings, stuck))
-    horizons = {
-        lead: HorizonSkill.of(lead, 12, 0.95, 0.03, 0.05 * lead / 300, 0.2, lead / 1000, 0.06)
-        for lead in (300, 3600, 21600, 86400)
-    }
-    skill = skill_over(update.time, dict.fromkeys((1, 7, 30), tuple(horizons.values())))
+    leads, rest = (300, 3600, 21600, 86400), (12, 0.95, 0.03)
+    horizons = tuple(HorizonSkill.of(lead, *rest, 0.05 * lead / 300, 0.2, lead / 1000, 0.06) for lead in leads)
+    skill = skill_over(update.time, dict.fromkeys((1, 7, 30), horizons))
     by, some = update.forecast.issue_time + 7200.0, Range(20.6, 20.1, 21.2)
     zone.updates.append(update)
-    told = tuple(HorizonTrust(lead, "learning", "wait", update.time) for lead in horizons)
+    told = tuple(HorizonTrust(lead, "learning", "wait", update.time) for lead in leads)
     zone.trusted = Trust(update.time, told, beaten=BEATEN)
     zone.heating = Preheat(by - 7200.0, "trusted", 21.0, by, 0.5, 0.9, by - 3600.0, 60.0, 0.93, some, some, 17.0)
     heard = Announced()

@@ -164,6 +164,8 @@ function roomRow(id) {
   cells.room.append(link, since);
   const pill = element("span", { className: "pill" });
   cells.state.append(pill);
+  const finding = element("span");
+  cells.finding.append(finding);
   const spark = sparkline();
   cells.spark.append(spark.node);
   const node = element("tr", { role: "row", "data-zone": id }, ...Object.values(cells));
@@ -194,7 +196,7 @@ function roomRow(id) {
       const horizon = outdone(row) && row.good_up_to_s >= LEADS[1][1] ? t("trust.up_to", { lead: duration(row.good_up_to_s) }) : trustText(trust);
       // Read out once, where it is not the finding as well.
       cells.trust.replaceChildren(horizon, ...(why.text && why.text !== text ? [element("span", { className: "hidden-text", lang: why.lang, textContent: `: ${why.text}` })] : []));
-      set(cells.finding, { textContent: text, title: text, lang });
+      set(finding, { textContent: text, title: text, lang });
       spark.draw(row.spark, row.spark ? sparkText(row.spark) : t("overview.no_spark"));
     },
   };

@@ -97,8 +97,9 @@ export function showZone(place, frame, id) {
     const { zone, status, forecast, gain } = known;
     set(pill, { textContent: stateText(status.state), className: `pill ${status.state}` });
     showDoubt();
-    // Of a room that has stopped, what was said of the hours ahead is for hours that may be over.
-    cards.room.heating(known.ahead?.quality === "bad" ? null : known.ahead?.heating);
+    // Of a room that has stopped, what was said of the hours ahead is for hours that may be over; so it is until the next look ahead.
+    const heating = known.ahead?.quality === "bad" ? null : known.ahead?.heating;
+    cards.room.heating(heating && Date.parse(heating.by) > Date.parse(status.last_sample_time) ? heating : null);
     const interval = forecast?.intervals[0];
     const horizons = known.trust?.horizons ?? [];
     const alike = horizons.every((one) => one.trust === horizons[0].trust);
