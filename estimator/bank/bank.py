@@ -23,6 +23,7 @@ from estimator.bank.coverage import Widths, no_widths, with_place
 from estimator.bank.mixing import mixed, mixed_futures, stretched
 from estimator.bank.options import BankOptions, prior_at
 from estimator.bank.weights import Costs, between, costs_of, no_costs, weights, with_cost
+from estimator.blackbox.arx import ARX
 from estimator.blackbox.direct import Direct
 from estimator.network.assembly import assemble, topology
 from estimator.network.discretise import heat_loss, time_constants
@@ -186,7 +187,8 @@ class Bank:
         vanished = np.array([posterior.outcome is Outcome.VANISHED for posterior in posteriors])
         known = bool(np.isfinite(outputs).any()) and not vanished.all()
         due = tuple(self._hindsight.due(state.pending)) if known else ()
-        verified = tuple(Verified(one.lead, self._published(one)) for one in due)
+        bounds = self._bounds(state) if due else None
+        verified = tuple(Verified(one.lead, self._published(one, bounds)) for one in due)
         before = self._weights(state)
         after = self._learned(state, before, outputs, due, verified) if known else state
         after = self._members_after(after, posteriors, vanished, outputs, due)
@@ -288,7 +290,7 @@ class Bank:
             issue = member.issue(state.members[place], self.options.scenarios)
             futures.append(member.unfold(issue, plan[:, self._columns[place]]).during(after))
         scales, reaches = (between(row, self.leads, leads) for row in (state.widths.log_scale, self._reaches(state)))
-        return mixed_futures(futures, shares, np.exp(scales), reaches)
+        return mixed_futures(futures, shares, np.exp(scales), reaches, self._bounds(state))
 
     def draws(self, state: BankState, count: int) -> ModelDraws | None:
         """Those of the member of `_knowing` that is trusted most a few hours ahead; None where nobody has physics."""
@@ -376,10 +378,18 @@ class Bank:
         """(H,): how far from the middle a member may be, by how many forecasts that do not overlap were verified."""
         return 1.0 + state.costs.hours / self._ahead
 
-    def _published(self, due: Due) -> Mixture:
+    def _bounds(self, state: BankState) -> Array | None:
+        """(n_y, 2): what no forecast of hours goes beyond [degC], by the member that remembers what was measured. None
+        without one, and where it does not count, as under a plan of heat that the room may never have had."""
+        for member, own, lost in zip(self.members, state.members, state.lost, strict=True):
+            if isinstance(member, ARX) and np.isfinite(lost):
+                return member.bounds(own)
+        return None
+
+    def _published(self, due: Due, bounds: Array | None) -> Mixture:
         """What was published of a forecast that is `due`: with the weights, the scale and the reach of its issue."""
         then = due.note[:, self.leads.index(due.lead)]
-        return mixed(due.mixtures, then[:-2], then[-2], then[-1])
+        return mixed(due.mixtures, then[:-2], then[-2], then[-1], bounds)
 
     def _learned(
         self, state: BankState, now: Array, outputs: Array, due: Sequence[Due], verified: Sequence[Verified]

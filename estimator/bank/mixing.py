@@ -3,7 +3,8 @@
 Weights that rest on few verified forecasts mean little, and a single wild member would spoil the mean and the tails. So
 nobody goes farther from the weighted median of the members' means than a reach, in units of the weighted median of
 their spreads, nor spreads more than four times as wide as that. The reach grows with every verified forecast: nearly a
-median in the beginning, a mixture in the end.
+median in the beginning, a mixture in the end. Nor does anybody on average leave the `bounds` of what a
+room can do, where they are known.
 """
 
 import math
@@ -21,25 +22,43 @@ _WIDEST = 4.0
 """Reaches that a member may spread."""
 
 
-def mixed(parts: Sequence[Mixture], shares: Array, scale: float, reach: float | None = None) -> Mixture:
+def mixed(
+    parts: Sequence[Mixture], shares: Array, scale: float, reach: float | None = None, bounds: Array | None = None
+) -> Mixture:
     """One mixture of `parts` with `shares` (E,) that add up to 1, stretched by `scale` about its mean.
 
-    Nothing holds them together without a `reach`.
+    Nothing holds them together without a `reach`, and nothing keeps them within `bounds` (n_y, 2) where there are none.
     """
     futures = [Mixtures.of_one(part) for part in parts]
     reaches = None if reach is None else np.array([reach])
-    return mixed_futures(futures, shares[:, None], np.array([scale]), reaches).at(0)
+    return mixed_futures(futures, shares[:, None], np.array([scale]), reaches, bounds).at(0)
 
 
-def mixed_futures(futures: Sequence[Mixtures], shares: Array, scales: Array, reaches: Array | None = None) -> Mixtures:
+def mixed_futures(
+    futures: Sequence[Mixtures],
+    shares: Array,
+    scales: Array,
+    reaches: Array | None = None,
+    bounds: Array | None = None,
+) -> Mixtures:
     """The same lead by lead: `futures` of each member over L leads, `shares` (E, L), `scales` and `reaches` (L,)."""
     chosen = np.flatnonzero(shares.max(axis=1) > 0.0).tolist()
     ends = np.cumsum([futures[e].weights.shape[1] for e in chosen])
     weights = np.concatenate([futures[e].weights for e in chosen], axis=1)
-    means, sds = (np.concatenate([futures[e][place] for e in chosen], axis=2) for place in (1, 2))
+    means = np.concatenate(
+        [futures[e].means if bounds is None else _within(futures[e], bounds) for e in chosen], axis=2
+    )
+    sds = np.concatenate([futures[e].sds for e in chosen], axis=2)
     limits = np.full(len(scales), np.inf) if reaches is None else reaches
     _mix(ends, shares[chosen], scales, limits, weights, means, sds)
     return Mixtures(weights, means, sds)
+
+
+def _within(future: Mixtures, bounds: Array) -> Array:
+    """The means of the components, moved together to where their own mean is within `bounds` (n_y, 2)."""
+    shares = future.weights / future.weights.sum(axis=1, keepdims=True)
+    centres = (shares[:, None] * future.means).sum(axis=2)
+    return future.means + (np.clip(centres, *bounds.T) - centres)[:, :, None]
 
 
 def stretched(mixture: Mixture, scale: float) -> Mixture:

@@ -99,6 +99,11 @@ class ARX(Regression):
             seen=np.ascontiguousarray(filled[:, :2] if filled.shape[1] > 1 else np.repeat(filled, 2, axis=1)),
         )
 
+    def bounds(self, state: ARXState) -> Array:
+        """(n_y, 2): the lowest and the highest output [degC] that a forecast from `state` tells: some way beyond what
+        was measured so far."""
+        return np.asarray(_bounds(state.seen))
+
     def restart(self, state: ARXState, outputs: Array, inputs: Array) -> ARXState:
         """The first sample after a gap: another past, the same regression."""
         lowest, highest = state.seen.T

@@ -408,6 +408,21 @@ def test_a_fan_is_the_weighted_mixture_of_the_members_fans():
     assert fan[11].sd()[0] == pytest.approx(sd * np.exp(state.widths.log_scale[horizon]), rel=1e-6)
 
 
+def test_no_forecast_leaves_what_the_room_can_do_but_under_a_plan_of_heat():
+    arx = build("arx", NETWORK, PERIOD, {})
+    bank = bank_of({"wild": SomeForecaster(0.0, 40.0, NOISE), "arx": arx})
+    state, posteriors, _ = played(bank, samples(100))
+    low, high = arx.bounds(state.members[1])[0]
+    assert 16.0 < low < 19.0
+    assert 21.0 < high < 24.0
+    plan = np.tile([5.0, 300.0], (48, 1))
+    assert max(one.mean()[0] for one in unfolded(bank, state, plan)) <= high
+    verified = [one.mixture.mean()[0] for posterior in posteriors for one in posterior.verified]
+    assert len(verified) > 100
+    assert max(verified) <= high
+    assert unfolded(bank, answering_plan(bank, state), plan)[-1].mean()[0] == pytest.approx(60.0)
+
+
 @pytest.mark.parametrize("prior", [0, [1, 1], [1, 1, 1, -1], "much", [1, 1, 1, True]])
 def test_a_prior_is_positive_numbers(prior):
     with pytest.raises(OptionsError, match=r"members.arx.prior must be a number above 0, or a list of 4"):
