@@ -118,12 +118,12 @@ def _diagonalise(size, width, at):  # type: ignore[no-untyped-def]
         turned = False
         for p in range(n):
             for q in range(p):
-                if _coupled(rate[p, p], rate[p, q], rate[q, q], width):
+                if _coupled(rate, p, q, width):
                     turned = True
-                    _find_rotation(rate[p, p], rate[p, q], rate[q, q], width, at.cosine, at.sine)
+                    _find_rotation(rate, p, q, width, at.cosine, at.sine)
                     for k in range(n):
                         if k != p and k != q:
-                            _rotate(rate[max(k, p), min(k, p)], rate[max(k, q), min(k, q)], width, at)
+                            _rotate(rate, max(k, p), min(k, p), max(k, q), min(k, q), width, at)
                     for w in range(width):
                         for k in range(n):
                             a, b = vectors[p, k, w], vectors[q, k, w]
@@ -134,35 +134,36 @@ def _diagonalise(size, width, at):  # type: ignore[no-untyped-def]
 
 
 @njit(**INLINE)
-def _coupled(first, between, second, width):  # type: ignore[no-untyped-def]
-    """How many particles have an element `between` two of the diagonal that does not count as zero; all (WIDTH,)."""
+def _coupled(rate, p, q, width):  # type: ignore[no-untyped-def]
+    """How many particles have an element (p, q) of `rate` (n, n, WIDTH) that does not count as zero."""
+    # A view of a row would be counted as one more owner of the memory, which takes longer than the row.
     count = 0
     for w in range(width):
-        count += between[w] * between[w] > _CONVERGED * first[w] * second[w]
+        count += rate[p, q, w] * rate[p, q, w] > _CONVERGED * rate[p, p, w] * rate[q, q, w]
     return count
 
 
 @njit(**INLINE)
-def _find_rotation(first, between, second, width, cosine, sine):  # type: ignore[no-untyped-def]
-    """The rotation that makes the element `between` two of the diagonal vanish, and those two after it."""
+def _find_rotation(rate, p, q, width, cosine, sine):  # type: ignore[no-untyped-def]
+    """The rotation that makes the element (p, q) of `rate` vanish, and the diagonal after it."""
     for w in range(width):
-        x, gap = between[w], second[w] - first[w]
+        x, gap = rate[p, q, w], rate[q, q, w] - rate[p, p, w]
         root = sqrt(gap * gap + 4.0 * x * x) + _TINY
         tangent = 2.0 * x / (gap - root if gap < 0.0 else gap + root)
         cosine[w] = 1.0 / sqrt(1.0 + tangent * tangent)
         sine[w] = tangent * cosine[w]
-        first[w] -= tangent * x
-        second[w] += tangent * x
-        between[w] = 0.0
+        rate[p, p, w] -= tangent * x
+        rate[q, q, w] += tangent * x
+        rate[p, q, w] = 0.0
 
 
 @njit(**INLINE)
-def _rotate(first, second, width, at):  # type: ignore[no-untyped-def]
-    """A row (WIDTH,) and another after the rotation."""
+def _rotate(rate, i, j, k, m, width, at):  # type: ignore[no-untyped-def]
+    """The elements (i, j) and (k, m) of `rate` after the rotation."""
     for w in range(width):
-        a, b = first[w], second[w]
-        first[w] = at.cosine[w] * a - at.sine[w] * b
-        second[w] = at.sine[w] * a + at.cosine[w] * b
+        a, b = rate[i, j, w], rate[k, m, w]
+        rate[i, j, w] = at.cosine[w] * a - at.sine[w] * b
+        rate[k, m, w] = at.sine[w] * a + at.cosine[w] * b
 
 
 @njit(**INLINE)

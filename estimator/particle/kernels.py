@@ -46,26 +46,27 @@ class Stream(NamedTuple):
 @njit(**PART)
 def _parameters(space, coordinates, first, width, theta):  # type: ignore[no-untyped-def]
     """The free entries of theta from the coordinates (d, N) of a block."""
+    begin = np.uint64(first)
     for d in range(space.free.shape[0]):
         entry, lower, extent = space.free[d], space.lower[d], space.upper[d] - space.lower[d]
         if space.logit:
-            for w in range(width):
-                theta[entry, w] = exponential(lower + extent * sigmoid(coordinates[d, first + w]))
+            for w in range(np.uint64(width)):
+                theta[entry, w] = exponential(lower + extent * sigmoid(coordinates[d, begin + w]))
         else:
-            for w in range(width):
-                theta[entry, w] = exponential(coordinates[d, first + w])
+            for w in range(np.uint64(width)):
+                theta[entry, w] = exponential(coordinates[d, begin + w])
 
 
 @njit(**PART)
 def _unpack(packed, first, width, out):  # type: ignore[no-untyped-def]
     """`out` (n, n, WIDTH): the full matrices of packed ones (n_tri, N)."""
-    t = 0
+    t, begin = 0, np.uint64(first)
     for i in range(out.shape[0]):
         for j in range(i + 1):
-            for w in range(width):
-                out[i, j, w] = packed[t, first + w]
-            for w in range(width):
-                out[j, i, w] = packed[t, first + w]
+            for w in range(np.uint64(width)):
+                out[i, j, w] = packed[t, begin + w]
+            for w in range(np.uint64(width)):
+                out[j, i, w] = packed[t, begin + w]
             t += 1
 
 
@@ -92,8 +93,9 @@ def _predict(size, step, covariance, width, half, out):  # type: ignore[no-untyp
 @njit(**PART)
 def _add_noise(variance, log_alpha, at, width, out):  # type: ignore[no-untyped-def]
     """`out` (WIDTH,) += alpha^2 Q_0 (20), with log alpha from column `at` of `log_alpha` on."""
-    for w in range(width):
-        alpha = exponential(log_alpha[at + w])
+    begin = np.uint64(at)
+    for w in range(np.uint64(width)):
+        alpha = exponential(log_alpha[begin + w])
         out[w] += variance * alpha * alpha
 
 
@@ -177,12 +179,13 @@ def outputs_ahead(  # type: ignore[no-untyped-def]
 @njit(**PART)
 def _walk(volatility, stream, step, block, first, width, log_alpha, out, at):  # type: ignore[no-untyped-def]
     """`out`: log alpha one step on (21), a normal step, rarely a jump, clipped; from column `at` on."""
-    for w in range(width):
-        radius, angle, place, _ = words(stream.seed, step, stream.purpose, 4 * block, first + w)
+    particle, begin = np.uint64(first), np.uint64(at)
+    for w in range(np.uint64(width)):
+        radius, angle, place, _ = words(stream.seed, step, stream.purpose, 4 * block, particle + w)
         size, jump = normal_pair(radius, angle)
-        value = log_alpha[at + w] + volatility.walk_sd * size
+        value = log_alpha[begin + w] + volatility.walk_sd * size
         value = value + volatility.jump_sd * jump if uniform(place) < volatility.jump_probability else value
-        out[at + w] = min(max(value, volatility.lower), volatility.upper)
+        out[begin + w] = min(max(value, volatility.lower), volatility.upper)
 
 
 @njit(**JIT)
