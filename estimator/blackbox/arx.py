@@ -8,7 +8,7 @@ A regression that fits one step well is too sure of itself over hours. So the sp
 of forecasts whose time has come (`verified`), and from the residuals of one step only until there are some.
 """
 
-from math import exp
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -75,10 +75,10 @@ class ARX(Regression):
         self.options = options
         self._width = 1 + options.past_outputs + options.past_inputs * len(self.level)
         self._prior = (_PRIOR_SD / _FIRST_SD) ** 2
-        self._forgetting = exp(-period / (options.memory_days * DAY))
-        self._residual_forgetting = exp(-period / (min(options.memory_days, _RESIDUAL_DAYS) * DAY))
+        self._forgetting = math.exp(-period / (options.memory_days * DAY))
+        self._residual_forgetting = math.exp(-period / (min(options.memory_days, _RESIDUAL_DAYS) * DAY))
         # Of each lead an error becomes known every hour, or with every sample.
-        self._verified_forgetting = exp(-max(3600.0, period) / (options.verified_memory_days * DAY))
+        self._verified_forgetting = math.exp(-max(3600.0, period) / (options.verified_memory_days * DAY))
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> ARXState:
         """Persistence, from the first sample: its outputs (n_y,) and inputs (n_u,)."""
@@ -117,10 +117,10 @@ class ARX(Regression):
 
     def predict(self, state: ARXState, inputs: Array) -> ARXState:
         """One period on under `inputs` (n_u,) held over the step."""
-        past = _shifted(state.inputs.T, inputs).T
+        past = np.concatenate([inputs[None], state.inputs[:-1]])
         outputs, echo, spread = state.outputs.copy(), state.echo.copy(), state.spread.copy()
         _move(state.coefficients, outputs, self._scaled(past).ravel(), echo, spread, _bounds(state.seen), LEVEL)
-        return state._replace(outputs=outputs, inputs=past, echo=echo, spread=spread)
+        return ARXState(*state[:2], outputs, past, *state[4:7], echo, spread, state.seen)
 
     def predictive(self, state: ARXState) -> Mixture:
         """A Gaussian for every output at the state's time, as a mixture of one."""
@@ -141,11 +141,12 @@ class ARX(Regression):
     def futures(self, state: ARXState, plan: Array) -> tuple[Array, Array]:
         """Means and standard deviations (h + 1, n_y) at the state's time and after each row of `plan` (h, n_u)."""
         scaled = self._scaled(np.concatenate([state.inputs[::-1], plan]))[::-1]
-        means, spreads = _moved(
+        means, sds = _moved(
             state.coefficients, state.outputs, np.ascontiguousarray(scaled), self.options.past_inputs, state.echo,
             state.spread, _bounds(state.seen), LEVEL,
         )  # fmt: skip
-        return means, self._spreads(state, spreads)
+        _spread(sds, _residual_sd(state.residual), state.errors, state.leads)
+        return means, sds
 
     def unfold(self, issue: ARXState, plan: Array) -> Mixtures:
         """What the issue forecasts under `plan` (h, n_u)."""
@@ -153,36 +154,9 @@ class ARX(Regression):
 
     def verified(self, state: ARXState, lead: int, errors: Array) -> ARXState:
         """Learn from the errors (n_y,) [K] of a forecast `lead` steps ahead whose time has come; NaN where unknown."""
-        place = np.flatnonzero((state.leads == lead) | (state.leads == 0.0))
-        if not len(place) or np.isnan(errors).all():
-            return state
         leads, sums = state.leads.copy(), state.errors.copy()
-        leads[place[0]] = lead
-        known = ~np.isnan(errors)
-        sums[place[0], known] *= self._verified_forgetting
-        sums[place[0], known] += np.column_stack([errors[known] ** 2, np.ones(known.sum())])
+        _verify(leads, sums, lead, errors, self._verified_forgetting)
         return state._replace(leads=leads, errors=sums)
-
-    def _spreads(self, state: ARXState, spreads: Array) -> Array:
-        """Standard deviations (h + 1, n_y) [K] one step ahead and farther.
-
-        Those of the regression (`spreads`, in squares of its residual) give way to what forecasts of such a lead have
-        missed by, as far as any were verified.
-        """
-        unit = _residual_sd(state.residual)
-        theory = unit * np.sqrt(np.clip(spreads, 1e-6, _WIDEST_SPREAD))
-        at = np.flatnonzero(state.leads > 0.0)
-        if not len(at) or len(theory) < 2:
-            return theory
-        order = at[np.argsort(state.leads[at])]
-        known, ahead = np.log([1.0, *state.leads[order]]), np.log(np.arange(2, len(theory) + 1))
-        for i in range(theory.shape[1]):
-            squares, weights = state.errors[order, i].T
-            # A power of the lead between two that were verified, and from one step to the first of them.
-            roots = np.log([unit[i], *np.maximum(np.sqrt(squares / np.maximum(weights, 1e-9)), 1e-6)])
-            own, missed = np.interp(ahead, known, [0.0, *weights]), np.exp(np.interp(ahead, known, roots))
-            theory[1:, i] = np.sqrt((_SURE * theory[1:, i] ** 2 + own * missed**2) / (_SURE + own))
-        return theory
 
     def _past(self, outputs: Array) -> Array:
         """A past (n_y, past_outputs + 1) in which nothing has changed."""
@@ -233,9 +207,39 @@ def _assimilate(state, regressors, sds, outputs, memory, level):  # type: ignore
     return log_likelihood
 
 
-def _shifted(past: Array, newest: Array) -> Array:
-    """`past` (m, L) with `newest` (m,) in front and the oldest gone."""
-    return np.concatenate([newest[:, None], past[:, :-1]], axis=1)
+@njit(cache=True, nogil=True)
+def _verify(leads, sums, lead, errors, forgetting):  # type: ignore[no-untyped-def]
+    """The sums (L, n_y, 2) at `leads` (L,) with the `errors` (n_y,) of a forecast, in place."""
+    for place in range(len(leads)):
+        if leads[place] == lead or leads[place] == 0.0:
+            for i in range(len(errors)):
+                if not np.isnan(errors[i]):
+                    leads[place] = lead
+                    sums[place, i, 0] = forgetting * sums[place, i, 0] + errors[i] * errors[i]
+                    sums[place, i, 1] = forgetting * sums[place, i, 1] + 1.0
+            return
+
+
+@njit(cache=True, nogil=True)
+def _spread(spreads, unit, errors, leads):  # type: ignore[no-untyped-def]
+    """`spreads` (h + 1, n_y) in squares of residuals `unit` (n_y,) become standard deviations [K], in place: those of
+    the regression give way to what forecasts of such a lead have missed by, as far as any were verified."""
+    order = np.argsort(leads)
+    order = order[leads[order] > 0.0]
+    for i in range(len(unit)):
+        # A power of the lead between two that were verified, and from one step to the first of them.
+        begin, weight, root = 0.0, 0.0, math.log(unit[i])
+        end, next_weight, next_root, n = begin, weight, root, -1
+        for k in range(len(spreads)):
+            theory, ahead = unit[i] * math.sqrt(min(max(spreads[k, i], 1e-6), _WIDEST_SPREAD)), math.log(k + 1.0)
+            while n < len(order) - 1 and (n < 0 or end <= ahead):
+                n += 1
+                begin, weight, root = end, next_weight, next_root
+                next_weight, end = errors[order[n], i, 1], math.log(leads[order[n]])
+                next_root = math.log(max(math.sqrt(errors[order[n], i, 0] / max(next_weight, 1e-9)), 1e-6))
+            share = min((ahead - begin) / (end - begin), 1.0) if end > begin else 0.0
+            own, missed = weight + share * (next_weight - weight), math.exp(root + share * (next_root - root))
+            spreads[k, i] = math.sqrt((_SURE * theory * theory + own * missed * missed) / (_SURE + own))
 
 
 @njit(cache=True, nogil=True)

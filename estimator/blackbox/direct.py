@@ -159,17 +159,16 @@ class Direct(Regression):
 
     def predict(self, state: DirectState, inputs: Array) -> DirectState:
         """One period on under `inputs` (n_u,) held over the step."""
-        held, rows, known = _moved_on(state.inputs, inputs, state.outputs, state.measured)
-        ahead = _foretold(
-            rows, _first(known), self._sums(held), self._leads[:1], self._windows, self._day, int(state.step),
-            2 * self._day - 1, state.coefficients[0], self._trust(state), state.seen, self._foresees,
+        held, rows, known = _moved_on(
+            state.inputs, inputs, state.outputs, state.measured, self.level, self._scale, self._leads[:1],
+            self._windows, self._day, int(state.step), state.coefficients[0], self._trust(state), state.seen,
+            self._foresees,
         )  # fmt: skip
-        rows[:, -1] += ahead[:, 0]
-        return state._replace(outputs=rows, measured=known, inputs=held, step=state.step + 1, fitted=state.fitted + 1)
+        return DirectState(rows, known, held, state.step + 1, *state[4:6], state.fitted + 1, *state[7:])
 
     def predictive(self, state: DirectState) -> Mixture:
         """A Gaussian for every output at the state's time, as a mixture of one."""
-        sds = _spread(self._sds(state), self._leads, _unmeasured(state.measured), 1)
+        sds = _spread(self._sds(state), self._leads, state.measured, 1)
         return Mixture(np.ones(1), state.outputs[:, -1:].copy(), sds)
 
     def update(self, state: DirectState, outputs: Array) -> Posterior:
@@ -185,11 +184,11 @@ class Direct(Regression):
         past[measured, -1], known[measured, -1] = outputs[measured], 1.0
         moments, verified, seen = state.moments.copy(), state.verified.copy(), state.seen.copy()
         _learn(
-            past, known, self._sums(state.inputs), self._leads, self._windows, self._day, int(state.step),
-            (int(state.fitted), state.coefficients, self._trust(state)), (moments, verified, seen),
+            past, known, _sums(state.inputs, self.level, self._scale), self._leads, self._windows, self._day,
+            int(state.step), (int(state.fitted), state.coefficients, self._trust(state)), (moments, verified, seen),
             (self._forgetting, self.verified_share(int(state.step))), self._foresees,
         )  # fmt: skip
-        learned = state._replace(outputs=past, measured=known, moments=moments, verified=verified, seen=seen)
+        learned = DirectState(past, known, *state[2:4], moments, *state[5:7], verified, seen)
         if state.fitted >= self._day:
             fresh = _fitted(moments, self._least, self.options.penalty_days * self._day, self._prior)
             coefficients = np.stack([fresh, state.coefficients[0]])
@@ -213,24 +212,13 @@ class Direct(Regression):
 
     def unfold(self, issue: DirectIssue, plan: Array) -> Mixtures:
         """What the issue forecasts under `plan` (h, n_u)."""
-        day, steps = self._day, len(plan) + 1
-        needed = self._leads[: np.searchsorted(self._leads, steps) + 1]
-        # From a day before the last sample on. The lead after the last one that is asked for may need inputs beyond.
-        held = np.concatenate([issue.inputs, plan])
-        sums = self._sums(np.concatenate([held, np.tile(held[-1:], (day, 1))]))
-        outputs = np.concatenate([issue.outputs[:, :-1], np.zeros((len(issue.outputs), steps + day))], axis=1)
-        first, ahead, known = _first(issue.measured), np.arange(1, day + 1), np.concatenate([[0], needed])
-        for last in range(day, day + steps, day):
-            changes = _foretold(
-                outputs, first, sums, needed, self._windows, day, int(issue.step) + last - day - 1, last,
-                issue.coefficients, issue.trust, issue.seen, self._foresees,
-            )  # fmt: skip
-            for i, row in enumerate(changes):
-                outputs[i, last + 1 : last + 1 + day] = outputs[i, last] + np.interp(ahead, known, [0.0, *row])
-        outputs[:, day + 1] = issue.outputs[:, -1]
-        means = outputs[:, day + 1 : day + 1 + steps].T
-        late = _unmeasured(np.ascontiguousarray(issue.measured))
-        return Mixtures.of_gaussians(means, _spread(issue.sds, self._leads, late, steps).T)
+        outputs, measured = np.ascontiguousarray(issue.outputs), np.ascontiguousarray(issue.measured)
+        means = _unfolded(
+            outputs, measured, np.concatenate([issue.inputs, plan]), len(plan) + 1, self.level, self._scale,
+            self._leads, self._windows, self._day, int(issue.step), issue.coefficients, issue.trust, issue.seen,
+            self._foresees,
+        )  # fmt: skip
+        return Mixtures.of_gaussians(means.T, _spread(issue.sds, self._leads, measured, len(plan) + 1).T)
 
     def verified_share(self, step: int) -> float:
         """What a step leaves of the sums over verified forecasts, `step` steps after the start: the first ones, of
@@ -243,10 +231,6 @@ class Direct(Regression):
         measured = np.zeros_like(past)
         measured[:, -1] = np.isfinite(outputs)
         return past, measured, np.tile(inputs, (2 * self._day, 1))
-
-    def _sums(self, inputs: Array) -> Array:
-        """(m + 1, n_u): sums of the first rows of scaled `inputs` (m, n_u)."""
-        return _sums(inputs, self.level, self._scale)
 
     def _trust(self, state: DirectState) -> Array:
         """(n_y, L): what share of a foretold change has come true."""
@@ -282,12 +266,19 @@ def _first(measured):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _moved_on(inputs, newest, outputs, measured):  # type: ignore[no-untyped-def]
-    """Inputs with the `newest` (n_u,), outputs with the last one twice, and that the newest is not measured."""
+def _moved_on(  # type: ignore[no-untyped-def]
+    inputs, newest, outputs, measured, level, scale, leads, windows, day, step, coefficients, trust, seen, foresees
+):  # fmt: skip
+    """Inputs with the `newest` (n_u,), outputs with what is foretold at the first of `leads`, and that it is not
+    measured."""
     held, rows, known = np.empty_like(inputs), np.empty_like(outputs), np.empty_like(measured)
     held[:-1], held[-1] = inputs[1:], newest
     rows[:, :-1], rows[:, -1] = outputs[:, 1:], outputs[:, -1]
     known[:, :-1], known[:, -1] = measured[:, 1:], 0.0
+    rows[:, -1] += _foretold(
+        rows, _first(known), _sums(held, level, scale), leads, windows, day, step, 2 * day - 1, coefficients, trust,
+        seen, foresees,
+    )[:, 0]  # fmt: skip
     return held, rows, known
 
 
@@ -315,12 +306,12 @@ def _trusts(verified, doubted, believed):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _spread(sds, leads, late, count):  # type: ignore[no-untyped-def]
-    """(n_y, count): `sds` (n_y, L) [K] at the first forecast and the steps after it, of outputs that are `late` (n_y,).
+def _spread(sds, leads, measured, count):  # type: ignore[no-untyped-def]
+    """(n_y, count): `sds` (n_y, L) [K] at the first forecast and the steps after it, by what was `measured` last.
 
     Beyond the last lead they grow with the root of the time.
     """
-    found = np.empty((len(sds), count))
+    found, late = np.empty((len(sds), count)), _unmeasured(measured)
     for i in range(len(sds)):
         begin, n = 1.0 + max(late[i], 0.0), 0
         for k in range(count):
@@ -399,6 +390,33 @@ def _foretold(  # type: ignore[no-untyped-def]
             _row(outputs[i], first[i], sums, origin, leads[n], windows, day, step, foresees, row)
             changes[i, n] = trust[i, n] * _change(row, coefficients[i, n], seen[i, n, 0], seen[i, n, 1])
     return changes
+
+
+@njit(cache=True, nogil=True)
+def _unfolded(  # type: ignore[no-untyped-def]
+    past, measured, inputs, steps, level, scale, leads, windows, day, step, coefficients, trust, seen, foresees
+):  # fmt: skip
+    """Outputs (n_y, steps) from a forecast of the newest of `past` (n_y, day + 2) on. `inputs` (m, n_u) begin a day
+    before the last sample."""
+    # The lead after the last one that is asked for may need inputs beyond.
+    held = np.empty((len(inputs) + day, inputs.shape[1]))
+    held[: len(inputs)], held[len(inputs) :] = inputs, inputs[-1]
+    sums, needed = _sums(held, level, scale), leads[: np.searchsorted(leads, steps) + 1]
+    outputs, first = np.zeros((len(past), day + 1 + steps + day)), _first(measured)
+    outputs[:, : day + 1] = past[:, :-1]
+    for last in range(day, day + steps, day):
+        changes = _foretold(
+            outputs, first, sums, needed, windows, day, step + last - day - 1, last, coefficients, trust, seen, foresees
+        )
+        for i in range(len(past)):
+            begin, change, n = 0, 0.0, 0
+            for ahead in range(1, day + 1):
+                if n < len(needed) and needed[n] <= ahead:
+                    begin, change, n = needed[n], changes[i, n], n + 1
+                slope = (changes[i, n] - change) / (needed[n] - begin) if n < len(needed) else 0.0
+                outputs[i, last + ahead] = outputs[i, last] + (slope * (ahead - begin) + change)
+    outputs[:, day + 1] = past[:, -1]
+    return outputs[:, day + 1 : day + 1 + steps].copy()
 
 
 @njit(cache=True, nogil=True)

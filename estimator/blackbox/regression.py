@@ -25,6 +25,7 @@ class Regression(OneState):
         self.network = network.validate()
         self.period = period
         units = [network.channel_unit(channel) for channel in network.inputs]
+        self._nothing = np.full(len(network.parameters), np.nan)
         self._scale = np.array([_SCALE.get(unit, 1.0) for unit in units])
         """(n_u,): what every input varies by."""
         self.level = np.array([LEVEL * (unit == "degC") for unit in units])
@@ -47,5 +48,4 @@ class Regression(OneState):
         return np.asarray((inputs - self.level) / self._scale)
 
     def _posterior(self, state: Any, outcome: Outcome, log_likelihood: float = float("nan")) -> Posterior:
-        nothing = np.full(len(self.network.parameters), np.nan)
-        return Posterior(state=state, outcome=outcome, log_likelihood=log_likelihood, parameters=nothing)
+        return Posterior(state=state, outcome=outcome, log_likelihood=log_likelihood, parameters=self._nothing)
