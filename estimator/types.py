@@ -45,7 +45,8 @@ class Mixture(NamedTuple):
 
     def sd(self) -> Array:
         """Standard deviation of every output, shape (n_y,)."""
-        return np.sqrt(self._weighted(self.sds**2 + (self.means - self.mean()[:, None]) ** 2))
+        apart = self.means - self.mean()[:, None]
+        return np.sqrt(self._weighted(self.sds * self.sds + apart * apart))
 
     def quantiles(self, levels: Array, output: int) -> Array:
         """Quantiles (L,) of one output [degC] at `levels` (L,)."""
@@ -56,7 +57,8 @@ class Mixture(NamedTuple):
 
     def _weighted(self, rows: Array) -> Array:
         # A sum of NumPy's own: a matrix product may depend on how many threads its library takes.
-        return np.asarray((rows * self.weights).sum(axis=1), dtype=np.float64)
+        found: Array = (rows * self.weights).sum(axis=1)
+        return found
 
 
 class Mixtures(NamedTuple):

@@ -70,16 +70,15 @@ def weights(costs: Costs, prior: Array, rate: float, sharing: float) -> Array:
 
 def costs_of(parts: Sequence[Mixture], now: Array, output: int, value: float) -> tuple[Array, float]:
     """Cost (E,) [K] of a little more weight on each of `parts`, and of their mixture with weights `now` (E,)."""
-    near, apart = _distances(
+    cost, whole = _costs(
         np.array([len(part.weights) for part in parts]),
         np.concatenate([part.weights for part in parts]),
         np.concatenate([part.means[output] for part in parts]),
         np.concatenate([part.sds[output] for part in parts]),
-        COMPONENTS,
+        now,
         value,
     )
-    others = (apart * now).sum(axis=1)
-    return near - others, float((now * (near - 0.5 * others)).sum())
+    return cost, whole
 
 
 @njit(cache=True, nogil=True)
@@ -100,10 +99,10 @@ def _weights(excess, prior, rate, sharing):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _distances(sizes, all_weights, all_means, all_sds, count, value):  # type: ignore[no-untyped-def]
-    """E|X_e - y| (E,) and E|X_e - X_f| (E, E) of mixtures with `sizes` (E,) components, of which at most `count` of
-    each are counted (`reduced`)."""
-    members = len(sizes)
+def _costs(sizes, all_weights, all_means, all_sds, now, value):  # type: ignore[no-untyped-def]
+    """What `costs_of` tells of mixtures with `sizes` (E,) components, of which at most COMPONENTS of each are counted
+    (`reduced`)."""
+    members, count = len(sizes), COMPONENTS
     owner, whole = np.empty(members * count, np.int64), 0
     weights, means, sds = np.empty(members * count), np.empty(members * count), np.empty(members * count)
     begin = 0
@@ -117,16 +116,18 @@ def _distances(sizes, all_weights, all_means, all_sds, count, value):  # type: i
             owner[whole], weights[whole], means[whole], sds[whole] = e, shares[n], centres[n], spreads[n]
             whole += 1
         begin = end
-    near, apart = np.zeros(members), np.zeros((members, members))
+    near, others, total = np.zeros(members), np.zeros(members), 0.0
     for i in range(whole):
         near[owner[i]] += weights[i] * expected_distance(value - means[i], sds[i])
         for j in range(i + 1):
             sd = math.sqrt(sds[i] * sds[i] + sds[j] * sds[j])
             share = weights[i] * weights[j] * expected_distance(means[i] - means[j], sd)
-            apart[owner[i], owner[j]] += share
+            others[owner[i]] += share * now[owner[j]]
             if j < i:
-                apart[owner[j], owner[i]] += share
-    return near, apart
+                others[owner[j]] += share * now[owner[i]]
+    for e in range(members):
+        total += now[e] * (near[e] - 0.5 * others[e])
+    return near - others, total
 
 
 def between(values: Array, leads: Sequence[int], wanted: Array) -> Array:

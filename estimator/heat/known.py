@@ -91,15 +91,13 @@ class KnownHeat:
     def _timely(self, times: Array) -> _Timely:
         """What depends on `times` (L,) alone; computed for a day at once where they lie on the grid of the period, in
         no more days than are kept."""
-        places, beside = np.divmod(times, self._period)
-        if self._period < _SHORTEST or DAY % self._period or beside.any():
+        if self._period < _SHORTEST or DAY % self._period or not len(times) or (times % self._period).any():
             return self._computed(times)
-        slots = round(DAY / self._period)
-        days, slot = np.divmod(places.astype(np.int64), slots)
-        known = np.unique(days)
-        if not 0 < len(known) <= _DAYS_KEPT:
+        first, last = int(times.min()) // DAY, int(times.max()) // DAY
+        if last - first >= _DAYS_KEPT:
             return self._computed(times)
-        return _at(_joined([self._of_day(day) for day in known.tolist()]), np.searchsorted(known, days) * slots + slot)
+        places = ((times - first * DAY) / self._period).astype(np.int64)
+        return _at(_joined([self._of_day(day) for day in range(first, last + 1)]), places)
 
     def _computed_of_day(self, day: int) -> _Timely:
         """Of all intervals of the `day`, counted from 1970 in UTC."""
@@ -131,7 +129,7 @@ def _light(over: Geometry, horizontal: Array) -> Array:
     """(L, 6): by _LIGHT, the mean `horizontal` irradiance (L,) [W/m2], what of it is diffuse, and what falls on each
     face."""
     light = split(over, horizontal)
-    return np.column_stack([horizontal, light.diffuse, *(light.beam[face] for face in FACES)])
+    return np.concatenate([horizontal[:, None], light.diffuse[:, None], light.beam], axis=1)
 
 
 def _periodic_hats(hours: Array) -> Array:

@@ -42,10 +42,12 @@ class Sun(NamedTuple):
 
 
 class Irradiance(NamedTuple):
-    """Means over L intervals in W/m2: diffuse on a horizontal plane, and beam on vertical planes by FACES."""
+    """Means over L intervals in W/m2."""
 
     diffuse: Array
-    beam: dict[str, Array]
+    """(L,): on a horizontal plane."""
+    beam: Array
+    """(L, 4): on vertical planes, by FACES."""
 
 
 def sun(times: Array, location: Location) -> Sun:
@@ -120,5 +122,4 @@ def split(over: Geometry, horizontal: Array) -> Irradiance:
     fraction = np.where(day, diffuse_fraction(np.minimum(horizontal / over.outside, 1.0)), 1.0)
     normal = np.where(day, (1.0 - fraction) * horizontal / np.where(day, over.height, 1.0), 0.0)
     normal = np.minimum(normal, over.beyond)
-    beam = normal[:, None] * over.towards
-    return Irradiance(fraction * horizontal, {face: beam[:, place] for place, face in enumerate(FACES)})
+    return Irradiance(fraction * horizontal, normal[:, None] * over.towards)

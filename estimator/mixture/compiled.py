@@ -28,7 +28,7 @@ class CompiledMixture(ReferenceMixture):
 
     def propagate(self, particles: Particles, walk: Walk, inputs: Array, gate: float) -> tuple[Particles, Array]:
         """One period on under `inputs` (n_u + m,), and the logarithms (N,) of what each proposal is worth."""
-        new = Particles(*(np.empty_like(rows) for rows in particles))
+        new = Particles(*map(np.empty_like, particles))
         worth = np.empty(particles.mean.shape[1])
         kernels.propagate(
             self._size, self._model.topology, self._shape, self._settings, gate, np.asarray(inputs, dtype=np.float64),
@@ -43,7 +43,7 @@ class CompiledMixture(ReferenceMixture):
         kernels.assimilate(
             self._model.topology.measured, self._shape, outputs, particles, mean, covariance, log_likelihood
         )
-        return particles._replace(mean=mean, covariance=covariance), log_likelihood
+        return Particles(mean, covariance, *particles[2:]), log_likelihood
 
     def sample(self, particles: Particles, index: Indices, normals: Array) -> Array:
         """Draws z (n_z, K) from the Gaussians of the particles `index` (K,)."""

@@ -54,6 +54,7 @@ _OFF_SD = 1e-9
 """Standard deviation [kW] that stands for none."""
 
 LEVELS = np.array(ALPHA_LEVELS)
+_NO_QUANTILES = np.empty((0, len(LEVELS)))
 
 
 class MKFState(NamedTuple):
@@ -88,7 +89,7 @@ class MKFState(NamedTuple):
 
     def with_particles(self, particles: Particles) -> MKFState:
         """With other particles."""
-        return self._replace(**particles._asdict())
+        return MKFState(*self[:2], *particles, *self[8:])
 
 
 class MKF(OneState):
@@ -166,9 +167,10 @@ class MKF(OneState):
             draws.uniforms(Purpose.MIXTURE_SWITCH, (uniforms, count)),
         )
         particles, worth = self._moves.propagate(state.particles(), walk, inputs, float(state.gate))
+        log_weights = state.log_weights
         if self._model.proposed_on_probability > self._model.on_probability:
-            state = state._replace(log_weights=reweigh(state.log_weights + worth).log_weights)
-        return state.with_particles(particles)._replace(step=np.array(step, dtype=np.int64))
+            log_weights = reweigh(log_weights + worth).log_weights
+        return MKFState(state.seed, np.array(step), *particles, log_weights, state.histogram, state.gate)
 
     def predictive(self, state: MKFState) -> Mixture:
         """The mixture over every output, measurement noise included."""
@@ -210,8 +212,9 @@ class MKF(OneState):
         """What the issue forecasts, at its state's time and then after each row of `plan` (h, n_u)."""
         count = issue.state.shape[1]
         means = np.concatenate([issue.state[None, self._model.topology.measured], self._moves.paths(issue, plan)])
-        sds = np.tile(np.exp(issue.log_noise), (len(means), 1, 1))
-        return Mixtures(np.broadcast_to(1.0 / count, (len(means), count)), means, sds)
+        sds = np.empty_like(means)
+        sds[:] = np.exp(issue.log_noise)
+        return Mixtures(np.full((len(means), count), 1.0 / count), means, sds)
 
     def draws(self, state: MKFState, count: int) -> ModelDraws:
         """`count` draws from the mixture: the starts of sampled futures."""
@@ -298,9 +301,8 @@ class MKF(OneState):
             for counts, median in zip(state.histogram, np.log(summary.alpha_quantiles[:, 1]), strict=True)
         ]
         gate = min((block.gate for block in gates), default=1.0)
-        state = state._replace(log_weights=weighted.log_weights, gate=np.array(gate))
-        if gates:
-            state = state._replace(histogram=np.array([block.histogram for block in gates]))
+        histogram = np.array([block.histogram for block in gates]) if gates else state.histogram
+        state = MKFState(*state[:8], weighted.log_weights, histogram, np.array(gate))
         state, resampled = self._resampled(state, weighted)
         return summary._replace(
             state=state,
@@ -318,9 +320,10 @@ class MKF(OneState):
         weights = weighted.weights
         if self._model.samples_nothing:
             # Copies of a particle would stay equal for ever: it keeps its weight, and those without any are dropped.
-            index = np.flatnonzero(weights > _NEGLIGIBLE / len(weights))
-            if len(index) == len(weights):
+            counts = weights > _NEGLIGIBLE / len(weights)
+            if counts.all():
                 return state, False
+            index = np.flatnonzero(counts)
             log_weights = state.log_weights[index] - np.log(weights[index].sum())
         elif weighted.effective_sample_size < self.options.resample_below * len(weights):
             draws = Draws(int(state.seed), int(state.step))
@@ -329,7 +332,7 @@ class MKF(OneState):
             log_weights = np.full(len(weights), -np.log(len(weights)))
         else:
             return state, False
-        chosen = Particles(*(np.take(rows, index, axis=1) for rows in state.particles()))
+        chosen = Particles(*(rows.take(index, axis=1) for rows in state.particles()))
         return state.with_particles(chosen)._replace(log_weights=log_weights), True
 
     def _kept(self, state: MKFState, outcome: Outcome) -> Posterior:
@@ -357,7 +360,7 @@ class MKF(OneState):
             state=state,
             outcome=Outcome.MISSING,
             log_likelihood=float("nan"),
-            alpha_quantiles=np.exp(np.array(alpha).reshape(-1, len(LEVELS))),
+            alpha_quantiles=np.exp(alpha) if alpha else _NO_QUANTILES,
             cdf=np.empty(0),
             gate=0.0 if self.blocks else None,
             regime=None,
@@ -382,15 +385,14 @@ class MKF(OneState):
         """Quantiles (3,) [W] of the gain and the heat of habits together; the known part of the latter is `known` (m,)
         [W per unit]."""
         model = self._model
-        watts = {model.coefficients.start + place: known[place] for place in np.flatnonzero(known).tolist()}
-        if model.gains:
-            watts[model.states] = WATTS * state.gain_on[0]
-        means = sum(factor * state.mean[i] for i, factor in watts.items())
-        variances = sum(
-            factor * other * state.covariance[packed(i, j)] for i, factor in watts.items() for j, other in watts.items()
-        )
+        active = np.flatnonzero(known)
+        places = [*(model.coefficients.start + active).tolist(), *range(model.states, model.states + model.gains)]
+        watts = np.concatenate([np.tile(known[active, None], len(weights)), WATTS * state.gain_on])
+        means = (watts * state.mean[places]).sum(axis=0)
+        covariances = state.covariance[[[packed(i, j) for j in places] for i in places]]
+        variances = np.einsum("in,ijn,jn->n", watts, covariances, watts)
         sds = np.sqrt(np.maximum(variances, _OFF_SD**2))
-        return Mixture(weights, np.array([means]), np.array([sds])).quantiles(LEVELS, 0)
+        return Mixture(weights, means[None], sds[None]).quantiles(LEVELS, 0)
 
     def _gain(self, state: MKFState, weights: Array, on: float) -> Array:
         """Quantiles (3,) of the gain [W], which is `on` with this probability, and 0 for certain where it is off."""

@@ -18,9 +18,9 @@ class Gate(NamedTuple):
 
 def weighted_quantiles(values: Array, weights: Array, levels: Array) -> Array:
     """Smallest of `values` (N,) at which the cumulated `weights` (N,) reach each of `levels` (L,) of their sum."""
-    order = np.argsort(values)
-    cumulated = np.cumsum(weights[order])
-    index = np.searchsorted(cumulated, levels * cumulated[-1])
+    order = values.argsort()
+    cumulated = weights[order].cumsum()
+    index = cumulated.searchsorted(levels * cumulated[-1])
     return values[order[np.minimum(index, len(values) - 1)]]
 
 

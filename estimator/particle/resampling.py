@@ -21,8 +21,8 @@ def reweigh(log_weights: Array) -> Weighted:
 
     A particle whose numbers broke down explains nothing; it must not speak for the others.
     """
-    finite = np.where(np.isnan(log_weights), -np.inf, log_weights)
-    highest = float(finite.max())
+    highest = float(np.fmax.reduce(log_weights))
+    finite = log_weights if np.isfinite(log_weights.sum()) else np.where(np.isnan(log_weights), -np.inf, log_weights)
     log_sum = highest + float(np.log(np.exp(finite - highest).sum()))
     normalised = finite - log_sum
     weights = np.exp(normalised)
@@ -31,12 +31,12 @@ def reweigh(log_weights: Array) -> Weighted:
 
 def effective_sample_size(weights: Array) -> float:
     """N_eff = 1 / sum w_i^2 of normalised `weights` (N,)."""
-    return float(1.0 / np.sum(weights**2))
+    return 1.0 / float((weights * weights).sum())
 
 
 def systematic(weights: Array, uniform: float, count: int | None = None) -> Indices:
     """Indices (`count`,), N by default, of systematic resampling from `weights` (N,) with one `uniform` in [0, 1)."""
     count = len(weights) if count is None else count
-    cumulated = np.cumsum(weights)
+    cumulated = weights.cumsum()
     positions = (np.arange(count) + uniform) / count * cumulated[-1]
-    return np.minimum(np.searchsorted(cumulated, positions, side="right"), len(weights) - 1)
+    return np.minimum(cumulated.searchsorted(positions, side="right"), len(weights) - 1)

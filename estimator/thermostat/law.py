@@ -299,9 +299,9 @@ def _with_band(numbers: Array, x: Array, heat: Array, day: Array) -> Array:
     """`numbers` (1 + days, 3) with offset and band by the medians of `x` (2, n) at shares of the power, `heat` (2, n)
     being means of the halves of hours; as they are where too few hours, or too few different shares, tell. An hour
     counts in which both halves had some of the power: others are the end of warming up or cooling down."""
-    found, whole_day = numbers.copy(), np.round(day[0])
+    found, whole_day, level, mean = numbers.copy(), np.round(day[0]), x.mean(axis=0), heat.mean(axis=0)
     for row, (power, _, _) in enumerate(numbers):
-        share, place = heat.mean(axis=0) / power, np.digitize(heat / power, _SHARES)
+        share, place = mean / power, np.digitize(heat / power, _SHARES)
         chosen = ((place > 0) & (place < len(_SHARES))).all(axis=0)
         if len(numbers) > 2 and row:
             chosen &= whole_day != row - 1
@@ -311,7 +311,7 @@ def _with_band(numbers: Array, x: Array, heat: Array, day: Array) -> Array:
             return numbers
         groups = [chosen & (of == one) for one in bins]
         centres = np.array([share[one].mean() for one in groups])
-        medians = np.array([np.median(x.mean(axis=0)[one]) for one in groups])
+        medians = np.array([np.median(level[one]) for one in groups])
         slope, middle = np.polyfit(centres - 0.5, medians, 1, w=np.sqrt(counts))
         found[row, 1:] = middle, max(slope, _NARROWEST)
     return found

@@ -421,10 +421,12 @@ class LiveForecasts:
         otherwise it is None. They are answered every hour, or `apart` times as seldom.
         """
         step, longest = live.step + 1, max(self.leads, default=0)
-        issues = tuple(issue for issue in live.issues if step - int(issue.step) < longest)
-        setpoints = np.append(live.setpoints, now.thermostat.setpoint)
+        issues = live.issues
+        while issues and step - int(issues[0].step) >= longest:
+            issues = issues[1:]
+        setpoints = np.concatenate([live.setpoints, [now.thermostat.setpoint]])
         column = now.thermostat.laws.column.astype(np.int64)
-        heat = np.append(live.heat, np.abs(now.before[column]).sum() if len(column) else np.nan)
+        heat = np.concatenate([live.heat, [np.abs(now.before[column]).sum() if len(column) else np.nan]])
         if longest and ahead is not None and self.knows(now.thermostat, now.time):
             issues = (*issues, self._issue(live, step, now, ahead(longest - 1), apart))
         kept = step - int(issues[0].step) if issues else 0

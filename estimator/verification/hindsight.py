@@ -93,7 +93,9 @@ class Hindsight:
         Every EVERY s a forecast is issued, with its `note`, in one group at the steps that leave the remainder `phase`.
         """
         step, longest = pending.step + 1, max(self.leads)
-        issues = tuple(issue for issue in pending.issues if step - issue.step < longest)
+        issues = pending.issues
+        while issues and step - issues[0].step >= longest:
+            issues = issues[1:]
         if step % self.every == phase % self.every and longest > 1:
             samples = tuple(member.issue(state, SAMPLES) for member, state in zip(self._members, states, strict=True))
             issues = (*issues, Issue(step, samples, NOTHING if note is None else note()))
@@ -103,15 +105,14 @@ class Hindsight:
 
     def due(self, pending: Pending) -> Iterator[Due]:
         """What had been forecast for the present step, from the shortest lead to the longest."""
+        waiting = {issue.step: issue for issue in pending.issues}
         for horizon, lead in enumerate(self.leads):
-            if lead < 2:
-                continue
-            for issue in pending.issues:
-                if pending.step - issue.step + 1 == lead:
-                    plan = pending.inputs[len(pending.inputs) - (lead - 1) :]
-                    issued = zip(self._members, issue.samples, self._columns, strict=True)
-                    mixtures = tuple(member.unfold(sample, plan[:, own]).at(-1) for member, sample, own in issued)
-                    yield Due(horizon, lead, mixtures, issue.note)
+            issue = waiting.get(pending.step - lead + 1)
+            if lead > 1 and issue is not None:
+                plan = pending.inputs[len(pending.inputs) - (lead - 1) :]
+                issued = zip(self._members, issue.samples, self._columns, strict=True)
+                mixtures = tuple(member.unfold(sample, plan[:, own]).at(-1) for member, sample, own in issued)
+                yield Due(horizon, lead, mixtures, issue.note)
 
     def pack(self, pending: Pending) -> dict[str, Array]:
         """The arrays of `pending`, by name."""

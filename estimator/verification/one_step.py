@@ -36,6 +36,5 @@ class OneStep(NamedTuple):
 def one_step(mixture: Mixture, levels: Sequence[float]) -> OneStep:
     """Moments and intervals at `levels` of a forecast `mixture`."""
     tails = np.array([0.5, *(0.5 - level / 2 for level in levels), *(0.5 + level / 2 for level in levels)])
-    quantiles = np.array([mixture.quantiles(tails, output) for output in range(len(mixture.means))])
-    median, lower, upper = np.split(quantiles, [1, 1 + len(levels)], axis=1)
-    return OneStep(tuple(levels), mixture.mean(), mixture.sd(), median[:, 0], lower, upper)
+    found, first = np.array([mixture.quantiles(tails, output) for output in range(len(mixture.means))]), 1 + len(levels)
+    return OneStep(tuple(levels), mixture.mean(), mixture.sd(), found[:, 0], found[:, 1:first], found[:, first:])

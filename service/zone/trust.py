@@ -211,5 +211,7 @@ def _told(one: HorizonTrust, update: Update, disturbed: bool, lies: str) -> Hori
     planned = level
     if level == TRUSTED and one.issued == DOUBTFUL:
         level, reason = DOUBTFUL, one.issued_why
+    if (level, planned, reason) == (one.level, one.planned, one.reason):
+        return one
     since = one.since if level == one.level else update.time
     return replace(one, level=level, planned=planned, reason=reason, since=since)

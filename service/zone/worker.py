@@ -180,7 +180,8 @@ class ZoneWorker:
         if last is not None:
             if sample.time <= last:
                 raise ValueError(f"sample {sample.time} does not follow {last}")
-            self._bridge(last, sample.time)
+            if sample.time > last + self.period:
+                self._bridge(last, sample.time)
         return self._step(sample)
 
     @property

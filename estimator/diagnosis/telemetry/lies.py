@@ -310,17 +310,18 @@ def _turned(look: Look) -> Found:
         whole = past[len(past) % day :].reshape(-1, day)
         if len(whole) < 4 or len(new) < day + later or np.isnan(new[-day:]).mean() > 0.2:
             continue
+        # A room next door has no day of its own, but it is never as far below zero as it was above.
+        before, now, spread = np.nanmean(past), np.nanmean(new[-day:]), np.nanstd(past)
+        if not abs(now + before) <= abs(now - before) + 2.0 * spread:
+            continue
         counts = (~np.isnan(whole)).sum(axis=0)
         # An hour that is never measured, as where every sample of it is refused, stays unknown.
         usual = np.nansum(whole, axis=0) / np.where(counts, counts, np.nan)
         least = min(-0.35, 1.5 * float(_slopes(usual[None], whole).min()))
-        # A room next door has no day of its own, but it is never as far below zero as it was above.
-        before, now, spread = np.nanmean(past), np.nanmean(new[-day:]), np.nanstd(past)
-        negative = abs(now + before) <= abs(now - before) + 2.0 * spread
         # The reference ends when the new rows begin: their first slot is the one after a whole day.
         ends = len(new) - later, len(new)
         shapes, days = [np.roll(usual, -end % day) for end in ends], [new[end - day : end] for end in ends]
-        if negative and float(_slopes(np.array(shapes), np.array(days)).max()) < least:
+        if float(_slopes(np.array(shapes), np.array(days)).max()) < least:
             yield SIGN_FLIPPED, column, 24.0
 
 
