@@ -255,7 +255,8 @@ class Loop:
         if looked:
             suspicions = lies.looked(network, recent, carried.suspicions, time + period, carried.thermostat.memory)
             found = carried.diagnosis._replace(findings=lies.among(carried.diagnosis.findings, network, suspicions))
-            after = after._replace(suspicions=suspicions, diagnosis=found)
+            recent = lies.believed(network, recent, carried.suspicions, suspicions, time)
+            after = after._replace(suspicions=suspicions, diagnosis=found, recent=recent)
         since = doubtful_since(carried.suspicions, suspicions, time)
         if since is not None:
             after = after._replace(thermostat=thermostats.without(after.thermostat, since))

@@ -27,7 +27,7 @@ from estimator.diagnosis.finding import (
     UNIT_CHANGED,
     Finding,
 )
-from estimator.diagnosis.telemetry.recent import Recent, begins, slot, until
+from estimator.diagnosis.telemetry.recent import Recent, begins, slot, until, without
 from estimator.diagnosis.telemetry.response import Response, gathered, response
 from estimator.network.network import Network
 from estimator.thermostat.memory import Memory, setpoints
@@ -52,6 +52,15 @@ _WARMING, _SOME = 6.0, 0.6
 
 _SUDDEN = 0.6
 """Share of a jump that comes in one slot."""
+
+_ALOFT = 2.0
+"""h in which a sudden rise takes back a sudden fall."""
+
+_TOO_WARM = 1.5
+"""K h by which a room is heated where it was never heated before, until that tells of a drift."""
+
+_ALIKE = 0.3
+"""Share of a leap by which the one back may be larger or smaller."""
 
 _HEATED, _LEAST_HEATED = 0.02, 6.0
 """Share of the largest power from which a room is heated, and h of it without which nothing is said of its heat."""
@@ -137,7 +146,8 @@ def looked(
 ) -> tuple[Suspicion, ...]:
     """What is suspected at `time` [UTC s], when these stood `before` and `memory` is what the thermostat was told."""
     rows, step = until(recent, time), slot(recent) / HOUR
-    onset = min([time - _RECENT, *(one.since for one in before)])
+    # What begins with a leap begins between two slots.
+    onset = min([time - _RECENT, *(one.since - slot(recent) for one in before)])
     split = len(rows) - min(len(rows), round((time - onset) / slot(recent)))
     if np.isfinite(rows[:split, 0]).sum() * step < _LEAST * 24.0:
         return ()
@@ -149,10 +159,27 @@ def looked(
     # Channels that have changed places are no other riddle.
     if any(name == CHANNELS_SWAPPED for name, _ in found):
         found = {key: hours for key, hours in found.items() if key[0] == CHANNELS_SWAPPED}
+    # Of a heat that is told wrongly, a room knows more than its inputs.
+    if any(of[column] == "heat" for _, column in found):
+        found = {key: hours for key, hours in found.items() if key in since or key not in _UNEXPLAINED}
     return tuple(
         Suspicion(name, column, since.get((name, column), time - hours * HOUR))
         for (name, column), hours in found.items()
     )
+
+
+def believed(
+    network: Network, recent: Recent, before: tuple[Suspicion, ...], now: tuple[Suspicion, ...], time: float
+) -> Recent:
+    """`recent` without the temperatures told while they were suspected, `before` but no longer `now` at `time` [UTC s]:
+    they are no reference. What has been told for SETTLED is the new truth, and stays."""
+    of, suspected = kinds(network), {one.column for one in now}
+    for one in before:
+        ended = one.column not in suspected and time - one.since < SETTLED * HOUR
+        if ended and of[one.column] in ("room", "outside"):
+            columns = [0, one.column] if one.name == CHANNELS_SWAPPED else [one.column]
+            recent = without(recent, columns, one.since)
+    return recent
 
 
 _SENTENCES = {
@@ -182,6 +209,9 @@ def among(findings: tuple[Finding, ...], network: Network, suspicions: tuple[Sus
     return (*told, *(one for one in findings if one.finding not in TELEMETRY))
 
 
+_UNEXPLAINED = ((SENSOR_JUMPED, 0), (SENSOR_DRIFTS, 0))
+"""What is suspected of a room that warms as its inputs do not explain."""
+
 Found = Iterator[tuple[str, int, float]]
 """Name, channel, and for how many hours."""
 
@@ -189,9 +219,14 @@ Found = Iterator[tuple[str, int, float]]
 def _stuck(look: Look) -> Found:
     """A thermometer whose value has stayed the same for longer than ever."""
     for column in look.columns("room", "outside"):
-        hours = _same(np.concatenate([look.past[:, column], look.new[:, column]])) * look.step
-        if hours[-1] > max(2.0, 3.0 * hours[: len(look.past)].max()):
-            yield SENSOR_STUCK, column, float(hours[-1])
+        if (hours := float(_stuck_for(look, column)[-1])) > 0.0:
+            yield SENSOR_STUCK, column, hours
+
+
+def _stuck_for(look: Look, column: int) -> Array:
+    """(k,): for how many hours a thermometer has told the same at each new slot; 0 if no longer than ever."""
+    hours = _same(np.concatenate([look.past[:, column], look.new[:, column]])) * look.step
+    return np.where(hours > max(2.0, 3.0 * hours[: len(look.past)].max()), hours, 0.0)[len(look.past) :]
 
 
 def _same(values: Array) -> Array:
@@ -224,20 +259,37 @@ def _jumps(look: Look, column: int) -> tuple[list[_Jump], int]:
     standing: list[int] = []
     spikes = 0
     for place in np.flatnonzero(np.abs(steps) > limits).tolist():
+        while standing and abs(steps[standing[-1]]) < 0.5 * abs(steps[place]):
+            standing.pop()
         if standing and steps[place] * steps[standing[-1]] < 0.0:
             lately = (len(steps) - place) * look.step <= _LATELY
             spikes += (place - standing.pop()) * look.step <= 1.0 and lately
         else:
             standing.append(place)
+    over = _over(look, column)
     found = []
     for place in standing:
         before = _middle(look.new[max(place - look.slots(0.5), 0) : place + 1, column])
         after = _middle(look.new[place + 1 : place + 1 + look.slots(0.5), column])
         # A window cools a room by and by; a sensor tells another level from one slot to the next.
         sudden = abs(steps[place]) > _SUDDEN * abs(after - before)
-        if sudden and abs(after - before) > 0.6 * abs(steps[place]):
+        if sudden and abs(after - before) > 0.6 * abs(steps[place]) and not over[place]:
             found.append(_Jump(place, before, after))
     return found, spikes
+
+
+def _over(look: Look, column: int) -> Truths:
+    """(k - 1,): steps between two new slots with which a lie begins that is over, or ends: another one goes back, or
+    they lead to where the thermometer was in the reference from where it was stuck or never was."""
+    past, new = look.past[:, column], look.new[:, column]
+    steps = np.diff(new)
+    lowest, highest = np.nanmin(past, initial=np.inf), np.nanmax(past, initial=-np.inf)
+    strange = (new < lowest - _LEAST_JUMP) | (new > highest + _LEAST_JUMP)
+    usual = (new >= lowest) & (new <= highest)
+    ends = (strange[:-1] & usual[1:]) | (_stuck_for(look, column)[:-1] > 0.0)
+    large = np.abs(steps) > _LEAST_JUMP
+    back = np.abs(steps[:, None] + steps[large]) < _ALIKE * np.abs(steps[:, None])
+    return np.asarray(ends | back.any(axis=1))
 
 
 def _largest(look: Look, column: int) -> Array:
@@ -285,8 +337,8 @@ def _leaps(look: Look) -> Found:
             if column and _exchanged(jump, standing[0]):
                 yield CHANNELS_SWAPPED, column, hours
             elif column and abs(jump.after + jump.before) < 0.35 * abs(jump.after - jump.before):
-                # After a day the shape of that day says whether it is still so.
-                if hours <= 24.0:
+                # Then the shape of the last day says whether it is still so.
+                if hours <= 24.0 + _TURNED:
                     yield SIGN_FLIPPED, column, hours
             else:
                 yield SENSOR_JUMPED, column, hours
@@ -317,7 +369,8 @@ def _turned(look: Look) -> Found:
         counts = (~np.isnan(whole)).sum(axis=0)
         # An hour that is never measured, as where every sample of it is refused, stays unknown.
         usual = np.nansum(whole, axis=0) / np.where(counts, counts, np.nan)
-        least = min(-0.35, 1.5 * float(_slopes(usual[None], whole).min()))
+        share = _STANDING if (SIGN_FLIPPED, column) in look.stood else 1.0
+        least = share * min(-0.35, 1.5 * float(_slopes(usual[None], whole).min()))
         # The reference ends when the new rows begin: their first slot is the one after a whole day.
         ends = len(new) - later, len(new)
         shapes, days = [np.roll(usual, -end % day) for end in ends], [new[end - day : end] for end in ends]
@@ -398,7 +451,8 @@ def _unseen(look: Look) -> Truths:
     how it answers that, nobody knows."""
     rows = np.concatenate([look.past, look.new])
     apart = rows[:, list(look.columns("outside"))] - rows[:, :1]
-    lowest, highest = (of(apart[: len(look.past)], axis=0) for of in (np.nanmin, np.nanmax))
+    past = apart[: len(look.past)]
+    lowest, highest = np.nanmin(past, axis=0, initial=np.inf), np.nanmax(past, axis=0, initial=-np.inf)
     beyond = _BEYOND * (highest - lowest)
     return np.asarray(((apart < lowest - beyond) | (apart > highest + beyond)).any(axis=1))
 
@@ -456,15 +510,29 @@ def _warm(look: Look) -> Found:
         return
     level = room - _wanted(look, heated)
     above = np.where(heated, level - np.nanmax(level[:known][heated[:known]], initial=-np.inf), -np.inf)
-    leap = max(_LEAST_JUMP, _SOME * _highest(found.errors[:known]))
-    for place in np.flatnonzero(found.errors[known:] > leap) + known:
+    # Where a window is closed, a room warms at once to what it was.
+    leaps = np.cumsum(np.where(np.abs(found.errors) > _LEAST_JUMP / 2.0, found.errors, 0.0))
+    rises = leaps - np.fmax.reduce(_latest(leaps, look.slots(_ALOFT) + 1)[:, :-1], axis=1)
+    usual, hour = _highest(rises[:known]), look.slots(1.0)
+    # Until it is as warm as usual, a room that is heated tells nothing of its thermometer.
+    telling = np.flatnonzero(heated & (level >= np.nanmedian(level[:known][heated[:known]])))
+    for place in np.flatnonzero(rises[known:] > max(_LEAST_JUMP, _SOME * usual)) + known:
         before, after = _middle(room[max(place - 3, 0) : place]), _middle(room[place : place + 3])
         # A party warms a room by and by; a sensor tells another level from one slot to the next.
-        sudden = room[place] - room[place - 1] > _SUDDEN * (after - before)
-        if sudden and after - before > leap and (above[place:] > 0.5 * (after - before)).sum() >= look.slots(1.0):
-            yield SENSOR_JUMPED, 0, float(len(room) - place) * look.step
+        step, hours = room[place] - room[place - 1], float(len(room) - place) * look.step
+        if not _SUDDEN * step < after - before < step / _SUDDEN:
+            continue
+        strong = step > max(_LEAST_JUMP, _ABOVE * usual)
+        high = above[telling[telling >= place]] > 0.5 * (after - before)
+        if high.sum() >= hour or len(high) >= 2 * hour:
+            stands = (strong or high.sum() >= hour) and high[-2 * hour :].any()
+        else:
+            stands = strong and hours > 1.0 and (hours <= 24.0 or (SENSOR_JUMPED, 0) in look.stood)
+        if stands:
+            yield SENSOR_JUMPED, 0, hours
             return
-    if (above[-day:] > _LEAST_JUMP).sum() >= look.slots(3.0):
+    warm = above[-day:][above[-day:] > _LEAST_JUMP].sum() * look.step >= _TOO_WARM
+    if warm and (above[telling[-2 * hour :]] > _LEAST_JUMP).any():
         warmer = _means(found.errors, look.slots(_WARMING))
         if _highest(warmer[-day:]) > _SOME * max(_highest(warmer[:known]), _EXPLAINED * look.step):
             yield SENSOR_DRIFTS, 0, 24.0

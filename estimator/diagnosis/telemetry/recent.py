@@ -3,6 +3,7 @@
 A sample is kept in the slot of its time, so that memory does not grow with time or with the rate of sampling.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,8 @@ from estimator.arrays import DAY, Array
 DAYS = 14
 _SLOT = 600
 """Slots are this long, in s, or as long as a period."""
+_SPIKE = 2.0
+"""K by which no room warms within a slot."""
 
 
 class Recent(NamedTuple):
@@ -22,8 +25,8 @@ class Recent(NamedTuple):
     counts: Array
     """(n,): measurements in the newest slot."""
     values: Array
-    """(m, n): of the output the one that is farthest from the slot before, so that no spike is lost; of every input the
-    mean."""
+    """(m, n): of the output the first, for the rise from one to the next is what a room is known by, or else a spike;
+    of every input the mean."""
 
 
 def nothing_recent(width: int, period: int) -> Recent:
@@ -44,12 +47,21 @@ def with_measured(recent: Recent, time: int, output: float, inputs: Array) -> Re
     known = ~np.isnan(sample)
     so_far = np.where(counts > 0.0, values[place], 0.0)
     average = so_far + (sample - so_far) / (counts + 1.0)
-    if counts[0] and not abs(output - values[place - 1, 0]) > abs(so_far[0] - values[place - 1, 0]):
+    leaps = abs(output - so_far[0]) > _SPIKE
+    if counts[0] and not (leaps and abs(output - values[place - 1, 0]) > abs(so_far[0] - values[place - 1, 0])):
         average[0] = so_far[0]
     else:
         average[0] = output
     values[place] = np.where(known, average, values[place])
     return Recent(times, counts + known, values)
+
+
+def without(recent: Recent, columns: Sequence[int], since: float) -> Recent:
+    """`recent` as if nothing of these channels had been measured since `since` [UTC s]."""
+    values = recent.values.copy()
+    for column in columns:
+        values[recent.times >= since, column] = np.nan
+    return recent._replace(values=values)
 
 
 def slot(recent: Recent) -> int:

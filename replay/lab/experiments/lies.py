@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.diagnosis import finding
-from estimator.diagnosis.telemetry.lies import Suspicion, looked
+from estimator.diagnosis.telemetry.lies import Suspicion, believed, looked
 from estimator.diagnosis.telemetry.recent import nothing_recent, with_measured
 from estimator.network.presets import network
 from estimator.thermostat.memory import no_memory
@@ -173,7 +173,9 @@ def _suspected(rows: Array, begin: int) -> list[tuple[int, tuple[Suspicion, ...]
     for place, row in enumerate(rows):
         recent = with_measured(recent, place * PERIOD, float(row[0]), row[1:])
         if place >= begin and place % HOUR == HOUR - 1:
-            stood = looked(NETWORK, recent, stood, (place + 1) * PERIOD, untold)
+            before, time = stood, (place + 1) * PERIOD
+            stood = looked(NETWORK, recent, before, time, untold)
+            recent = believed(NETWORK, recent, before, stood, time)
             looks.append((place, stood))
     return looks
 

@@ -16,7 +16,7 @@ from estimator.diagnosis.finding import (
     Finding,
 )
 from estimator.diagnosis.telemetry import lies
-from estimator.diagnosis.telemetry.lies import Suspicion, among, looked
+from estimator.diagnosis.telemetry.lies import Suspicion, among, believed, looked
 from estimator.diagnosis.telemetry.recent import nothing_recent, with_measured
 from estimator.network.presets import network
 from estimator.thermostat.memory import no_memory
@@ -42,7 +42,9 @@ def watched(rows, begin=0):
     for place, row in enumerate(rows):
         recent = with_measured(recent, place * PERIOD, row[0], row[1:])
         if place % 6 == 5:
-            stood = looked(NETWORK, recent, stood, (place + 1) * PERIOD, no_memory(2))
+            before, time = stood, (place + 1) * PERIOD
+            stood = looked(NETWORK, recent, before, time, no_memory(2))
+            recent = believed(NETWORK, recent, before, stood, time)
             if place >= begin:
                 yield place, stood
 
@@ -132,13 +134,33 @@ def test_noise_of_a_heater_that_is_off_is_no_other_unit(rows, off):
     assert UNIT_CHANGED not in {one.name for _, stood in watched(told, CLEAN) for one in stood}
 
 
-@pytest.mark.parametrize("lie", ["stuck", "spikes", "outdoor stuck", "outdoor flipped", "kW", "sign", "dead"])
+@pytest.mark.parametrize(
+    "lie", ["stuck", "spikes", "offset", "drift", "outdoor stuck", "outdoor flipped", "kW", "sign", "dead"]
+)
 def test_a_suspicion_ends_with_the_lie(rows, lie):
     column, told, name, _ = LIES[lie]
     lying = rows[: CLEAN + DAY + AFTER].copy()
     lying[CLEAN : CLEAN + DAY, column] = told(rows[CLEAN : CLEAN + DAY])
     *_, (_, stood) = watched(lying, CLEAN + DAY)
     assert name not in {one.name for one in stood}
+
+
+def test_what_a_thermometer_told_while_it_was_suspected_is_no_reference():
+    recent, half = nothing_recent(2, PERIOD), DAY // 2
+    for place in range(DAY):
+        recent = with_measured(recent, place * PERIOD, 20.0, np.array([5.0, 100.0]))
+    stood = (Suspicion(SENSOR_STUCK, 0, half * PERIOD), Suspicion(METER_DEAD, 2, 0.0))
+    missing = np.isnan(believed(NETWORK, recent, stood, (), DAY * PERIOD).values[:DAY])
+    assert missing.tolist() == [[place >= half, False, False] for place in range(DAY)]
+    assert believed(NETWORK, recent, stood, stood, DAY * PERIOD) is recent
+    assert believed(NETWORK, recent, stood, (), 8 * DAY * PERIOD) is recent
+
+
+def test_a_slot_keeps_its_first_temperature_or_a_spike():
+    recent = nothing_recent(0, 300)
+    for place, told in enumerate([20.0, 20.5, 21.0, 20.9, 21.0, 29.0, 20.0, 21.0]):
+        recent = with_measured(recent, place * 300, told, np.empty(0))
+    assert recent.values[:4, 0].tolist() == [20.0, 21.0, 29.0, 20.0]
 
 
 def test_a_suspicion_keeps_the_time_at_which_it_began(rows):
