@@ -35,6 +35,10 @@ _OFTEN = 0.1
 """Share of the time from which heat is lost too often for an open window."""
 _DRAWS = 64
 """Of the posterior, whose mean is the model that tells how much heat was lost."""
+_AROUND = 6 * 3600
+"""s before and after an interval in which heat was lost with which it is compared."""
+_SURE = 1.96 * 1.4826
+"""Half of a 95 % interval, as a multiple of the median absolute deviation."""
 _NOTED = 0.05
 """kWh of lost heat that are worth a sentence."""
 
@@ -134,7 +138,9 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None, needed: 
     `gain` (K, 3) [W] has the .025, .5 and .975 quantiles of unmeasured heat in the intervals of `step` s that begin at
     `times` (K,) [UTC s]: they tell when, and how sure it is, and `needed` (K,) [W] how much. `zone` is the IANA name of
     the local time. Errors of one loss are taken to err together. A loss that was certain at some time counts from when
-    to when it was likely, and the interval before: a filter is sure only after a while.
+    to when it was likely, and the interval before: a filter is sure only after a while. It is what more heat was needed
+    than in the hours around it, for people, and what the model has wrong, are much the same then, and as unsure as this
+    was then.
     """
     if not np.isfinite(gain).any():
         return
@@ -152,8 +158,14 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None, needed: 
     follows = np.concatenate([[False], likely[1:] & likely[:-1] & next_to])
     number = np.cumsum(likely & ~follows)
     lost = likely & np.isin(number, number[lost])
-    # .975, .5 and .025 quantile of the gain: the least, the likely and the most that was lost.
-    energy = np.where(lost[:, None], gain[:, 1:2] - needed[:, None] - gain[:, ::-1], 0.0) * step / _KWH
+    energy = np.zeros((len(times), 3))
+    for k in np.flatnonzero(lost).tolist():
+        around = needed[~lost & (np.abs(times - times[k]) <= _AROUND)]
+        usual = np.median(around) if len(around) else 0.0
+        astray = _SURE * np.median(np.abs(around - usual)) if len(around) else 0.0
+        # .975, .5 and .025 quantile of the gain: the least, the likely and the most that was lost.
+        away = gain[k, 1] - gain[k, ::-1]
+        energy[k] = (usual - needed[k] + np.sign(away) * np.hypot(away, astray)) * step / _KWH
     low, most_likely, high = energy.sum(axis=0).tolist()
     days = len(times) * step / _DAY
     if most_likely < _NOTED:
@@ -167,8 +179,8 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None, needed: 
     begin, end = spoken_stretch(inside[0], inside[-1] + step, zone)
     least, about, largest = map(spoken_energy, (low, most_likely, high))
     sentence = (
-        f"An open window, or something else that nobody measures, took away about {about} kWh more than people brought "
-        f"meanwhile, in {days:.1f} days; 95 % between {least} and {largest} kWh; {part} of it from {begin} to {end}"
+        f"An open window, or something else that nobody measures, took away about {about} kWh in {days:.1f} days, "
+        f"compared with the hours around it; 95 % between {least} and {largest} kWh; {part} of it from {begin} to {end}"
     )
     yield RoomAnswer("window", sentence, "kWh", most_likely, low, high)
 
