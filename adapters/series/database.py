@@ -155,7 +155,7 @@ class InfluxDB(Database):
         if condition:
             where = f"({condition}) AND {where}"
         aggregate = "first" if counter else "mean"
-        asked = f"SELECT {aggregate}({field}) FROM {source} WHERE {where} GROUP BY time({every:d}ms) fill(none)"
+        asked = f"SELECT {aggregate}({field}) FROM {source} WHERE {where} GROUP BY time({every:d}ms) fill(none)"  # noqa: S608
         answer = await server.ask("/query", {"db": self.table.database, "epoch": "ms", "q": asked})
         try:
             (result,) = answer["results"]

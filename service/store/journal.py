@@ -195,7 +195,7 @@ class Journal:
             copy = "INSERT INTO zones (zone, fingerprint) SELECT ?, fingerprint FROM zones WHERE zone = ?"
             cursor.execute(copy, aside, zone)
             for table in (*ROWS, "pruned"):
-                cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ?", aside, zone)
+                cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ?", aside, zone)  # noqa: S608
             cursor.insert("forgotten (zone)", [(zone,)], "ON CONFLICT DO NOTHING")
 
         self._write((), work)
@@ -221,7 +221,7 @@ class Journal:
 
         def work(cursor: Cursor) -> None:
             for table in ROWS:
-                cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ? AND time > ?", aside, zone, after)
+                cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ? AND time > ?", aside, zone, after)  # noqa: S608
 
         self._write([zone], work)
         self._ends.pop(zone, None)
@@ -237,7 +237,7 @@ class Journal:
         found: set[str] = set()
         for table in ROWS:
             last = ""
-            while rows := self.read(f"SELECT zone FROM {table} WHERE zone > ? ORDER BY zone LIMIT 1", last):
+            while rows := self.read(f"SELECT zone FROM {table} WHERE zone > ? ORDER BY zone LIMIT 1", last):  # noqa: S608
                 last = rows[0][0]
                 found.add(last)
         return sorted(found)
@@ -253,11 +253,11 @@ class Journal:
             found = False
             for table in ROWS:
                 link = ", link" if table == "samples" else ""
-                oldest = f"SELECT time{link} FROM {table} WHERE zone = ? AND time < ? ORDER BY time LIMIT ?"
+                oldest = f"SELECT time{link} FROM {table} WHERE zone = ? AND time < ? ORDER BY time LIMIT ?"  # noqa: S608
                 before = bounds.get(table, _EARLIEST)
                 if rows := cursor.execute(oldest, zone, before, DELETED_AT_ONCE).fetchall():
                     found = True
-                    cursor.execute(f"DELETE FROM {table} WHERE zone = ? AND time <= ?", zone, rows[-1][0])
+                    cursor.execute(f"DELETE FROM {table} WHERE zone = ? AND time <= ?", zone, rows[-1][0])  # noqa: S608
                 if rows and table == "samples":
                     # The next sample is checked against the link of the one before it.
                     replace = "ON CONFLICT (zone) DO UPDATE SET time = excluded.time, link = excluded.link"
@@ -284,7 +284,7 @@ class Journal:
         """
         after = _EARLIEST if time is None else time
         query = (
-            "SELECT time, outputs, inputs, output_quality, input_quality, setpoint, link, skipped FROM samples "
+            "SELECT time, outputs, inputs, output_quality, input_quality, setpoint, link, skipped FROM samples "  # noqa: S608
             f"WHERE zone = ? AND time > ? ORDER BY time LIMIT {PAGE}"
         )
         rows = self.read(query, zone, after)
@@ -317,7 +317,7 @@ class Journal:
 
     def first_time(self, table: str, zone: str) -> int | None:
         """Time of the oldest row of `zone` in a table."""
-        return self.read(f"SELECT min(time) FROM {table} WHERE zone = ?", zone)[0][0]
+        return self.read(f"SELECT min(time) FROM {table} WHERE zone = ?", zone)[0][0]  # noqa: S608
 
     def samples_ahead(self, zone: str, after: int) -> int:
         """How many samples of `zone` are later than `after`."""
@@ -336,7 +336,7 @@ class Journal:
         self._show(zone)
         bounds = (_EARLIEST if start is None else start, 2**62 if end is None else end)
         query = (
-            f"SELECT {_COLUMNS}, checksum FROM history WHERE zone = ? AND time >= ? AND time < ? "
+            f"SELECT {_COLUMNS}, checksum FROM history WHERE zone = ? AND time >= ? AND time < ? "  # noqa: S608
             "ORDER BY time DESC LIMIT ?"
         )
         return self._reader.rows(zone, reversed(self.read(query, zone, *bounds, limit)))
@@ -345,7 +345,7 @@ class Journal:
         """A page of history rows with `start` <= time < `end` at multiples of `every` s, all columns (n, m), NaN where
         there is no value. Damaged rows are left out, as in `history`."""
         self._show(zone)
-        rows, following = self._page(f"SELECT {_COLUMNS}, checksum FROM history {_CHART}", zone, start, end, every)
+        rows, following = self._page(f"SELECT {_COLUMNS}, checksum FROM history {_CHART}", zone, start, end, every)  # noqa: S608
         return *self._reader.table(zone, rows), following
 
     def input_columns(self, zone: str, start: int, end: int, every: int, width: int) -> Columns:
@@ -353,7 +353,7 @@ class Journal:
 
         A damaged sample is left out as far as its length shows it: only a start, which assimilates, checks the chain.
         """
-        rows, following = self._page(f"SELECT time, inputs FROM samples {_CHART}", zone, start, end, every)
+        rows, following = self._page(f"SELECT time, inputs FROM samples {_CHART}", zone, start, end, every)  # noqa: S608
         whole = [(time, blob) for time, blob in rows if isinstance(blob, bytes) and len(blob) == 8 * width]
         times = np.array([time for time, _ in whole], dtype=np.int64)
         inputs = np.frombuffer(b"".join(blob for _, blob in whole), dtype="<f8").reshape(len(whole), width)

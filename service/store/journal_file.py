@@ -132,7 +132,7 @@ class _Cursor:
         for first in range(0, len(rows), _ROWS_AT_ONCE):
             part = rows[first : first + _ROWS_AT_ONCE]
             places = ", ".join([f"({', '.join('?' * len(part[0]))})"] * len(part))
-            self.execute(f"INSERT INTO {into} VALUES {places} {otherwise}", *(value for row in part for value in row))
+            self.execute(f"INSERT INTO {into} VALUES {places} {otherwise}", *(value for row in part for value in row))  # noqa: S608
 
 
 def _identity(path: Path) -> tuple[int, int] | None:

@@ -225,7 +225,7 @@ class _Cursor:
         """Insert `rows`, all of them on one way to the server and back."""
         if rows:
             places = ", ".join(["%s"] * len(rows[0]))
-            self._cursor.executemany(f"INSERT INTO {into} VALUES ({places}) {otherwise}", rows)
+            self._cursor.executemany(f"INSERT INTO {into} VALUES ({places}) {otherwise}", rows)  # noqa: S608
 
 
 @lru_cache(maxsize=128)

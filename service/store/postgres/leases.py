@@ -77,7 +77,7 @@ class Leases:
             ).fetchone()
             if taken is not None:
                 return int(taken[0])
-            other, left = cursor.execute(f"SELECT owner, {_LEFT} FROM leases WHERE name = ?", name).fetchone()
+            other, left = cursor.execute(f"SELECT owner, {_LEFT} FROM leases WHERE name = ?", name).fetchone()  # noqa: S608
             raise LeaseHeld(name, other or "nobody", max(0.0, left))
 
         asked = steady()
@@ -87,7 +87,7 @@ class Leases:
         """The same lease for `seconds` from now; Fenced if it has been taken."""
 
         def work(cursor: Cursor) -> None:
-            query = f"UPDATE leases SET expires = clock_timestamp() + make_interval(secs => ?) WHERE {_OWN}"
+            query = f"UPDATE leases SET expires = clock_timestamp() + make_interval(secs => ?) WHERE {_OWN}"  # noqa: S608
             if cursor.execute(query, float(seconds), *lease[:3]).rowcount == 0:
                 raise Fenced(_lost(lease))
 
@@ -97,7 +97,7 @@ class Leases:
 
     def release(self, lease: Lease) -> None:
         """Give it up, with all its zones; nothing happens if it has been taken already."""
-        query = f"UPDATE leases SET owner = NULL, epoch = epoch + 1 WHERE {_OWN}"
+        query = f"UPDATE leases SET owner = NULL, epoch = epoch + 1 WHERE {_OWN}"  # noqa: S608
         self._database.transaction(lambda cursor: cursor.execute(query, *lease[:3]))
 
     def close(self) -> None:
@@ -163,7 +163,7 @@ class LeasedDatabase(PostgresDatabase):
 
 def _overcome(cursor: Cursor, zone: str, name: str, epoch: int) -> None:
     """Make sure that the lease `name`, which holds `zone` in its `epoch`, can write to nothing."""
-    query = f"SELECT owner, {_LEFT} FROM leases WHERE name = ? AND epoch = ? AND owner IS NOT NULL FOR UPDATE"
+    query = f"SELECT owner, {_LEFT} FROM leases WHERE name = ? AND epoch = ? AND owner IS NOT NULL FOR UPDATE"  # noqa: S608
     row = cursor.execute(query, name, epoch).fetchone()
     if row is None:
         return
