@@ -6,14 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cryptography import x509
-from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
-from cryptography.hazmat.primitives.serialization import (
-    BestAvailableEncryption,
-    Encoding,
-    NoEncryption,
-    PrivateFormat,
-)
 from cryptography.x509.oid import NameOID
 
 
@@ -53,15 +47,13 @@ def make_pair(
         .not_valid_after(now + timedelta(days=days))
         .add_extension(x509.BasicConstraints(ca=signer is None, path_length=None), critical=True)
         .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
-        .add_extension(
-            x509.SubjectAlternativeName(names),
-            critical=False,
-        )
+        .add_extension(x509.SubjectAlternativeName(names), critical=False)
     )
     issued = builder.sign(signer.key if signer else key, hashes.SHA256())
     certificate, private_key = folder / f"{name}.pem", folder / f"{name}.key"
-    certificate.write_bytes(issued.public_bytes(Encoding.PEM))
-    encryption = BestAvailableEncryption(password) if password else NoEncryption()
-    private_key.write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, encryption))
+    certificate.write_bytes(issued.public_bytes(serialization.Encoding.PEM))
+    encryption = serialization.BestAvailableEncryption(password) if password else serialization.NoEncryption()
+    form = serialization.PrivateFormat.PKCS8
+    private_key.write_bytes(key.private_bytes(serialization.Encoding.PEM, form, encryption))
     private_key.chmod(0o600)
     return Pair(certificate, private_key, issued, key)
