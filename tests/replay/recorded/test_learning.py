@@ -136,18 +136,18 @@ def zone_of(text, changes):
 
 
 def two_rooms(folder):
-    """Two rooms of one recording of weeks, of which the second is a little warmer."""
-    rng, days = np.random.default_rng(1), 25
+    """Two rooms of one recording of days, of which the second is a little warmer."""
+    rng, days = np.random.default_rng(1), 10
     begin = np.datetime64("2025-01-01T00:00:00")
     lines = ["time,first,second,outdoors,power"]
     for k in range(96 * days):
         heat = 1500.0 * (k % 96 in range(24, 80))
         values = 20.0 + 0.001 * heat + rng.normal(0.0, 0.05), 21.0 + 0.001 * heat, 5.0 * np.sin(k / 15.3), heat
         lines.append(",".join([f"{begin + np.timedelta64(15 * k, 'm')}Z", *(f"{value:.3f}" for value in values)]))
-    (folder / "weeks.csv").write_text("\n".join(lines) + "\n")
+    (folder / "days.csv").write_text("\n".join(lines) + "\n")
     columns = {"Aussentemperatur": "outdoors", "Heizleistung_kW": "power", '"kW"': '"W"'}
     plant = PLANT.partition("[[zones]]")[0]
-    history = f'[sources.export]\nkind = "csv"\nfiles = ["{folder / "weeks.csv"}"]\ntimestamp = {{ column = "time" }}\n'
+    history = f'[sources.export]\nkind = "csv"\nfiles = ["{folder / "days.csv"}"]\ntimestamp = {{ column = "time" }}\n'
     for name in ("first", "second"):
         own = {'"room"': f'"{name}"'}
         plant += zone_of(PLANT, own)
@@ -185,7 +185,7 @@ def test_several_zones_learn_at_once_and_go_on_after_ctrl_c(tmp_path):
         with read_state(tmp_path / name / "state") as state:
             found[name] = {zone.id: state.checkpoint(zone.id, fingerprint(zone)) for zone in config.zones}
             known = {zone.id: len(list(state.journal.samples_after(zone.id, None))) for zone in config.zones}
-        assert known == {"first": 96 * 25, "second": 96 * 25}
+        assert known == {"first": 96 * 10, "second": 96 * 10}
     for name in ("first", "second"):
         assert_same(found["parts"][name], found["whole"][name])
 
