@@ -27,7 +27,7 @@ def mixed(
 ) -> Mixture:
     """One mixture of `parts` with `shares` (E,) that add up to 1, stretched by `scale` about its mean.
 
-    Nothing holds them together without a `reach`, and nothing keeps them within `bounds` (n_y, 2) where there are none.
+    Nothing holds them together without a `reach`, which `bounds` (n_y, 2) [degC] need as well.
     """
     futures = [Mixtures.of_one(part) for part in parts]
     reaches = None if reach is None else np.array([reach])
@@ -45,20 +45,11 @@ def mixed_futures(
     chosen = np.flatnonzero(shares.max(axis=1) > 0.0).tolist()
     ends = np.cumsum([futures[e].weights.shape[1] for e in chosen])
     weights = np.concatenate([futures[e].weights for e in chosen], axis=1)
-    means = np.concatenate(
-        [futures[e].means if bounds is None else _within(futures[e], bounds) for e in chosen], axis=2
-    )
-    sds = np.concatenate([futures[e].sds for e in chosen], axis=2)
+    means, sds = (np.concatenate([futures[e][place] for e in chosen], axis=2) for place in (1, 2))
     limits = np.full(len(scales), np.inf) if reaches is None else reaches
-    _mix(ends, shares[chosen], scales, limits, weights, means, sds)
+    room = np.tile([-np.inf, np.inf], (means.shape[1], 1)) if bounds is None else bounds
+    _mix(ends, shares[chosen], scales, limits, room, weights, means, sds)
     return Mixtures(weights, means, sds)
-
-
-def _within(future: Mixtures, bounds: Array) -> Array:
-    """The means of the components, moved together to where their own mean is within `bounds` (n_y, 2)."""
-    shares = future.weights / future.weights.sum(axis=1, keepdims=True)
-    centres = (shares[:, None] * future.means).sum(axis=2)
-    return future.means + (np.clip(centres, *bounds.T) - centres)[:, :, None]
 
 
 def stretched(mixture: Mixture, scale: float) -> Mixture:
@@ -68,7 +59,7 @@ def stretched(mixture: Mixture, scale: float) -> Mixture:
 
 
 @njit(cache=True, nogil=True)
-def _mix(ends, shares, scales, reaches, weights, means, sds):  # type: ignore[no-untyped-def]
+def _mix(ends, shares, scales, reaches, bounds, weights, means, sds):  # type: ignore[no-untyped-def]
     """`weights` (L, N), `means` and `sds` (L, n_y, N) of members whose components end at `ends` (E,), in place."""
     members, outputs = len(ends), means.shape[1]
     centres, spreads = np.empty(members), np.empty(members)
@@ -84,11 +75,12 @@ def _mix(ends, shares, scales, reaches, weights, means, sds):  # type: ignore[no
         for y in range(outputs):
             if reaches[t] < np.inf:
                 _moments(ends, weights[t], means[t, y], sds[t, y], shares[:, t], centres, spreads)
-                middle = _weighted_median(centres, shares[:, t])
+                kept = np.minimum(np.maximum(centres, bounds[y, 0]), bounds[y, 1])
+                middle = _weighted_median(kept, shares[:, t])
                 limit = reaches[t] * _weighted_median(spreads, shares[:, t])
                 begin = 0
                 for e in range(members):
-                    near = min(max(centres[e], middle - limit), middle + limit)
+                    near = min(max(kept[e], middle - limit), middle + limit)
                     narrower = min(_WIDEST * limit / max(spreads[e], _TINY), 1.0)
                     for n in range(begin, ends[e]):
                         means[t, y, n] = near + narrower * (means[t, y, n] - centres[e])
