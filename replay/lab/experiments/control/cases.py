@@ -30,15 +30,16 @@ _WINDOWS = (5, 8.0, 3.0)
 """Day of the controlled week, local hour at which it begins, and hours that it lasts."""
 _GUEST_COUNT, _GUEST_EQUIPMENT, _WINDOW = 12.0, 800.0, 120.0
 """Persons, W, and W/K of windows that somebody forgot to close."""
-_STUCK = ((3, 3.0), (3, 12.0), (3, 20.0), (3, 8.0))
-"""Day and local hour at which the thermometer sticks in each controlled week, for a day."""
+_FAULT = ((3, 3.0), (3, 12.0), (3, 20.0), (3, 8.0))
+"""Day and local hour at which a fault begins in each controlled week, for a day."""
 
 
-UNDISTURBED, PARTIES, STUCK, START = "undisturbed", "parties", "stuck sensor", "new season"
+UNDISTURBED, PARTIES, STUCK, OFF, START = "undisturbed", "parties", "stuck sensor", "boiler off", "new season"
 CASES: Mapping[str, str] = {
     UNDISTURBED: "People live there by their habits: they come and go, cook, and open windows for minutes.",
     PARTIES: "Once a week twelve guests come for an evening; once a week windows stay open for hours of a morning.",
     STUCK: "Once a week the thermometer of the first room sticks at its last value for a day.",
+    OFF: "Once a week the boiler gives no heat for a day, whatever is asked of it; nothing is metered then.",
     START: "The heating season begins: nothing was learned before the first controlled day.",
 }
 """A sentence on each way in which the period goes."""
@@ -101,17 +102,18 @@ def lived(scene: Scene, life: Life, index: int, local: float, heating: Array) ->
     return Inputs(heating, people, equipment, lights, opening)
 
 
-def stuck_steps(scene: Scene) -> Mask:
-    """(K,): the steps at which the thermometer of the first room shows what it showed before."""
-    stuck = np.zeros(scene.steps, dtype=np.bool_)
-    if scene.case == STUCK:
+def steps_with(fault: str, scene: Scene) -> Mask:
+    """(K,): the steps in which the thermometer of the first room shows what it showed before (STUCK), or no heater
+    gives heat (OFF)."""
+    faulty = np.zeros(scene.steps, dtype=np.bool_)
+    if scene.case == fault:
         for week in range(-(-scene.controlled // _WEEK)):
-            day, hour = _STUCK[week % len(_STUCK)]
+            day, hour = _FAULT[week % len(_FAULT)]
             begin = scene.controlled_from + round(
                 ((week * _WEEK + min(day, scene.controlled - 1)) * DAY + hour * HOUR) / STEP
             )
-            stuck[begin : begin + STEPS_A_DAY] = True
-    return stuck
+            faulty[begin : begin + STEPS_A_DAY] = True
+    return faulty
 
 
 def _acts(event: tuple[int, float, float], day: int, hour: float) -> bool:

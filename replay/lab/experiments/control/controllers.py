@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.arrays import Array
 from replay.energyplus.plant import STEP
-from replay.lab.experiments.control.cases import WARMEST, Scene, price, stuck_steps
+from replay.lab.experiments.control.cases import STUCK, WARMEST, Scene, price, steps_with
 from replay.lab.experiments.control.customer import mpc
 from replay.lab.experiments.control.loop import Controller, Moment
 from replay.lab.experiments.control.site import HEATER, Site, inputs_of, networks_of
@@ -81,7 +81,7 @@ class Planner(Controller):
         self._settings = [settings_of(scene, index, margin) for index in range(len(self._rooms))]
         self._make_site, self._weather, self._begins, self._trusting = make_site, weather, begins, trusting
         self._thermostat = Thermostat(scene, margin)
-        self._stuck = stuck_steps(scene)
+        self._stuck = steps_with(STUCK, scene)
         self._site: Site | None = None
         self._samples: dict[str, list[Sample]] = {room: [] for room in self._rooms}
         self._heating = np.zeros(len(self._rooms))

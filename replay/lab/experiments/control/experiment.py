@@ -1,4 +1,4 @@
-"""`control`: buildings of EnergyPlus in four cases, each under every controller."""
+"""`control`: buildings of EnergyPlus in five cases, each under every controller."""
 
 from replay.energyplus.buildings import building_named
 from replay.energyplus.library import library

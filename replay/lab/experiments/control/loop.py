@@ -9,7 +9,7 @@ import numpy as np
 from estimator.arrays import Array
 from replay.energyplus.plant import Plant
 from replay.energyplus.recording import THERMOMETER
-from replay.lab.experiments.control.cases import STEPS_A_DAY, Scene, lived, stuck_steps
+from replay.lab.experiments.control.cases import OFF, STEPS_A_DAY, STUCK, Scene, lived, steps_with
 from replay.localtime import Seconds
 from replay.scores.intervals import Mask
 
@@ -55,7 +55,7 @@ class Controller(ABC):
 
 def close(scene: Scene, controller: Controller) -> Lived:
     """The life of `scene` under `controller`."""
-    life, stuck = scene.life(), stuck_steps(scene)
+    life, stuck, off = scene.life(), steps_with(STUCK, scene), steps_with(OFF, scene)
     errors = _errors(scene)
     rows: list[tuple[object, ...]] = []
     shown = np.empty(0)
@@ -67,7 +67,7 @@ def close(scene: Scene, controller: Controller) -> Lived:
                 shown[0] = before[0]
             moment = Moment(index, round(now.time), local, shown)
             wanted, planned = controller.powers(moment)
-            heating = plant.step(lived(scene, life, index, local, wanted)).truth.heating
+            heating = plant.step(lived(scene, life, index, local, np.where(off[index], 0.0, wanted))).truth.heating
             controller.saw(moment, heating, now.outdoor, now.irradiance)
             rows.append((moment.time, local, now.air, shown, heating, now.outdoor, now.irradiance, planned))
     return Lived(*(np.array(column) for column in zip(*rows, strict=True)))

@@ -2,15 +2,15 @@
 
 EnergyPlus is deterministic, so a period can be lived again. Each pass plans with what the pass before it really did,
 corrected for what it heats otherwise. What a watt does is measured on the plant: heat pulses on top of that pass, and
-the difference that they make. So the planner knows weather, people, windows and the response of the building, and what
-its correction misses, because a building is not quite linear, the next pass knows.
+the difference that they make. So the planner knows weather, people, windows, outages of the boiler and the response
+of the building, and what its correction misses, because a building is not quite linear, the next pass knows.
 """
 
 import numpy as np
 from scipy.linalg import toeplitz
 
 from estimator.arrays import Array
-from replay.lab.experiments.control.cases import WARMEST, Scene, price
+from replay.lab.experiments.control.cases import OFF, WARMEST, Scene, price, steps_with
 from replay.lab.experiments.control.controllers import DECISION, EVERY, HORIZON, Thermostat, by_plan_step, lowest
 from replay.lab.experiments.control.customer import mpc
 from replay.lab.experiments.control.loop import Controller, Lived, Moment, close
@@ -45,6 +45,7 @@ def responses(scene: Scene, before: Lived) -> Array:
     starts = np.arange(0, scene.steps - apart, apart) + EVERY
     if not len(starts):
         starts = np.array([0])
+    starts = starts[~steps_with(OFF, scene)[starts]]
     kelvin = np.zeros((rooms, rooms, _REMEMBERED))
     # A heater at its limit could not give a pulse.
     free = np.minimum(before.heating, [(1.0 - _PULSE) * room.heater for room in scene.of.rooms])
@@ -68,7 +69,9 @@ class Foreseeing(Controller):
         self._kelvin, self._life = kelvin, scene.life()
         self._thermostat = Thermostat(scene, margin)
         rooms = len(scene.of.rooms)
-        self._rated = [room.heater for room in scene.of.rooms]
+        rated = np.array([room.heater for room in scene.of.rooms])
+        self._most = rated[:, None] * ~steps_with(OFF, scene)[::EVERY]
+        """What the heaters can give (N, K / EVERY) [W]."""
         self._planned_before = by_plan_step(before.heating)
         self._extra = np.zeros((len(self._planned_before), rooms))
         """What was heated otherwise than before, by the steps of a plan [W]."""
@@ -90,7 +93,7 @@ class Foreseeing(Controller):
         self._extra[moment.step // EVERY] += (heating - self._before.heating[moment.step]) / EVERY
 
     def _plan(self, moment: Moment) -> None:
-        now, rooms = moment.step // EVERY, len(self._rated)
+        now, rooms = moment.step // EVERY, len(self._most)
         ahead = min(_AHEAD, len(self._before.air[moment.step :: EVERY]) - 1)
         if ahead < 1:
             return
@@ -103,11 +106,11 @@ class Foreseeing(Controller):
         prices = np.array([price(moment.local + (k + 0.5) * DECISION) for k in range(ahead)])
         take = np.concatenate([np.arange(ahead) + room * _AHEAD for room in range(rooms)])
         moved = self._moved[np.ix_(take, take)]
-        self._heating = planned(moved, free.ravel(), low.ravel(), prices, self._rated)[:, 0]
+        self._heating = planned(moved, free.ravel(), low.ravel(), prices, self._most[:, now : now + ahead])[:, 0]
 
     def _response_to(self, extra: Array, past: int, ahead: int) -> Array:
         """(N, ahead): K at the ends of the steps to come, of `extra` (past + ahead, N) W."""
-        rooms = len(self._rated)
+        rooms = len(self._most)
         moved = np.zeros((rooms, past + ahead))
         for i in range(rooms):
             for j in range(rooms):
@@ -115,16 +118,15 @@ class Foreseeing(Controller):
         return moved[:, past:]
 
 
-def planned(moved: Array, free: Array, low: Array, prices: Array, rated: list[float]) -> Array:
+def planned(moved: Array, free: Array, low: Array, prices: Array, most: Array) -> Array:
     """(N, n): the powers [W] of least cost for N rooms together, by `mpc.plan`.
 
     `moved` (N n, N n) is what a W in each room and step (column) does to each room after each step (row) [K]; `free`
-    and `low` (N n,) [degC], room after room.
+    and `low` (N n,) [degC], room after room; `most` (N, n) is what the heaters can give [W].
     """
-    steps, high = len(prices), np.full(len(free), WARMEST)
-    most, costs = np.repeat(rated, steps), np.tile(prices, len(rated))
-    powers = mpc().plan(moved, free, low, high, costs, most, DECISION / HOUR)
-    return np.asarray(powers, dtype=np.float64).reshape(len(rated), steps)
+    high, costs = np.full(len(free), WARMEST), np.tile(prices, len(most))
+    powers = mpc().plan(moved, free, low, high, costs, most.ravel(), DECISION / HOUR)
+    return np.asarray(powers, dtype=np.float64).reshape(most.shape)
 
 
 def foreseen(scene: Scene, margin: float) -> Lived:

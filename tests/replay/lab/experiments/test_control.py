@@ -12,26 +12,11 @@ from support.tables import rows_of
 from replay.energyplus.recording import record
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.study import Results
-from replay.lab.experiments.control.cases import (
-    PARTIES,
-    STEPS_A_DAY,
-    STUCK,
-    UNDISTURBED,
-    Scene,
-    price,
-    stuck_steps,
-)
+from replay.lab.experiments.control.cases import OFF, PARTIES, STEPS_A_DAY, STUCK, UNDISTURBED, Scene, price, steps_with
 from replay.lab.experiments.control.loop import BEGIN, weather_of
 from replay.lab.experiments.control.perfect import planned
 from replay.lab.experiments.control.report import figures, report
-from replay.lab.experiments.control.runs import (
-    PERFECT,
-    THERMOGATE,
-    THERMOSTAT,
-    UNTRUSTING,
-    ControlRun,
-    run_control,
-)
+from replay.lab.experiments.control.runs import PERFECT, THERMOGATE, THERMOSTAT, UNTRUSTING, ControlRun, run_control
 from replay.lab.experiments.control.scores import Scores, cost_at, share_of_the_way
 from replay.reports.kit.report import write_report
 
@@ -79,6 +64,18 @@ def test_a_thermometer_that_is_stuck_is_not_believed() -> None:
     )
     assert thermostat.discomfort > 100.0, "who believes it heats all day, or not at all"
     assert thermogate.discomfort < 0.5 * thermostat.discomfort
+
+
+@needs_energyplus
+def test_a_boiler_that_is_off_heats_nobody_and_perfect_knowledge_has_heated_before() -> None:
+    scene = SHORT._replace(case=OFF, days=3, controlled=2)
+    off, lives = steps_with(OFF, scene), [run_control(ControlRun(scene, name)) for name in (THERMOSTAT, PERFECT)]
+    for arrays in lives:
+        assert off.any()
+        assert not arrays["heating"][off].any()
+        assert arrays["heating"][~off].any()
+    thermostat, perfect = map(scored, lives)
+    assert perfect.cold < thermostat.cold - 5.0
 
 
 @needs_energyplus
@@ -142,8 +139,8 @@ def test_a_joint_plan_heats_a_room_by_its_neighbour_where_that_is_all_the_heat_t
     response = toeplitz(1e-3 * 0.95 ** np.arange(steps), np.zeros(steps))
     moved = np.block([[response, 0.0 * response], [0.5 * response, response]])
     free, low, prices = np.full(2 * steps, 19.0), np.full(2 * steps, 20.0), np.full(steps, 0.3)
-    both = planned(moved, free, low, prices, [1500.0, 1500.0])
-    alone = planned(moved, free, low, prices, [9000.0, 0.0])
+    both = planned(moved, free, low, prices, np.full((2, steps), 1500.0))
+    alone = planned(moved, free, low, prices, np.outer([9000.0, 0.0], np.ones(steps)))
     assert both.shape == (2, steps)
     for powers in (both, alone):
         assert (free + moved @ powers.ravel() >= 20.0 - 1e-6).all()
@@ -166,9 +163,10 @@ def test_cost_at_equal_discomfort_lies_between_settings_that_nobody_beats() -> N
 
 
 def test_what_happens_is_part_of_the_controlled_days_alone() -> None:
-    scene = Scene("timber", "denver", STUCK, seed=1, days=21, controlled=14)
-    stuck = stuck_steps(scene)
-    assert stuck.sum() == 2 * STEPS_A_DAY, "a day in each of two weeks"
-    assert not stuck[: scene.controlled_from].any()
-    assert not stuck_steps(scene._replace(case=PARTIES)).any()
+    for fault in (STUCK, OFF):
+        scene = Scene("timber", "denver", fault, seed=1, days=21, controlled=14)
+        faulty = steps_with(fault, scene)
+        assert faulty.sum() == 2 * STEPS_A_DAY, "a day in each of two weeks"
+        assert not faulty[: scene.controlled_from].any()
+        assert not steps_with(fault, scene._replace(case=PARTIES)).any()
     assert [price(hour * 3600.0) for hour in (3, 12, 18, 23)] == [0.20, 0.32, 0.48, 0.20]
