@@ -31,6 +31,9 @@ LOOK = 0.5
 STOP_SECONDS = 30.0
 """How long an orderly stop waits for each kind of member."""
 
+FORGIVEN = 600.0
+"""s without another ending after which a member counts as one that never hung."""
+
 _ANEW = "stop the fleet and start it again"
 _KEPT_TABLES = ("site", "http", "zenoh", "fleet")
 """Tables of which the members go by what they were started with."""
@@ -60,6 +63,10 @@ class Steward:
         """The last sign of life of each member."""
         self._silent: dict[str, float] = {}
         """How long each member has been waited for in vain, s."""
+        self._ended: dict[str, tuple[int, float]] = {}
+        """How often each member was ended in a row, and when last (monotonic s)."""
+        self._starting: set[str] = set()
+        """Members that were ended, and have not been heard since."""
         self._peers: dict[str, Peer] = {}
         self._hearing: dict[str, asyncio.Task[None]] = {}
         self._stopping, self._reload = asyncio.Event(), asyncio.Event()
@@ -140,19 +147,30 @@ class Steward:
         finally:
             self._hearing.pop(name, None)
         self._silent.pop(name, None)
+        self._starting.discard(name)
         if self._beats.get(name, beat).boot != beat.boot:
             _log.warning("%s was started anew", name)
         self._beats[name] = beat
 
     async def end_the_hung(self, nodes: dict[str, str]) -> None:
-        """End the members that were asked in vain for long although their machine lives: Ray starts them anew."""
+        """End the members that were asked in vain for long although their machine lives: Ray starts them anew.
+
+        A machine with too much to do looks like one that hangs, and a start gives it more to do. So nobody is ended
+        before it has started, and who was ended before has twice the time.
+        """
         assert self._plan is not None
-        patience = 3 * fleet_of(self._plan.config).lease + ANSWER_SECONDS
+        patience, now = 3 * fleet_of(self._plan.config).lease + ANSWER_SECONDS, time.monotonic()
         for name, silent in list(self._silent.items()):
-            if silent > patience and name in self._beats and self._beats[name].node in nodes:
+            if name in self._starting or name not in self._beats or self._beats[name].node not in nodes:
+                continue
+            times, last = self._ended.get(name, (0, now))
+            if now - last > FORGIVEN:
+                times = 0
+            if silent > patience * 2**times:
                 _log.error("%s has not answered for %.0f s, and is started anew", name, silent)
                 await asyncio.to_thread(peers.remove, self._site, name, for_good=False)
-                # Until it has started there is nobody to hear from.
+                self._ended[name] = times + 1, now
+                self._starting.add(name)
                 self._silent[name] = 0.0
 
     async def stop(self) -> None:

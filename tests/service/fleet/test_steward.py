@@ -135,15 +135,24 @@ async def test_members_that_are_not_wanted_any_more_are_stopped(
     assert cluster.stopped == ["shard-2"], "the machine of the gateway is lost"
 
 
-async def test_a_member_that_was_asked_in_vain_for_long_is_ended_once(tmp_path: Path, cluster: Cluster) -> None:
+async def test_a_member_that_was_asked_in_vain_for_long_is_ended_and_then_has_twice_the_time(
+    tmp_path: Path, cluster: Cluster
+) -> None:
     steward = await begun(tmp_path)
     await look(steward, 2)
+    asked = round((3 * LEASE + ANSWER_SECONDS) / ANSWER_SECONDS)
+    for times, patience in enumerate((asked, 2 * asked, 4 * asked)):
+        cluster.silent.add("shard-0")
+        await look(steward, patience)
+        assert len(cluster.ended) == times
+        await look(steward, 3 * patience)
+        assert cluster.ended == ["shard-0"] * (times + 1), "nobody is ended while it starts"
+        cluster.silent.clear()
+        await look(steward)
+    cluster.now += module.FORGIVEN + 1.0
     cluster.silent.add("shard-0")
-    await look(steward, round((3 * LEASE + ANSWER_SECONDS) / ANSWER_SECONDS))
-    assert cluster.ended == []
-    await look(steward, 2)
-    assert cluster.ended == ["shard-0"], "Ray needs time to start it anew"
-    assert "shard-0" in cluster.members
+    await look(steward, asked + 2)
+    assert len(cluster.ended) == 4, "it has been well for long"
 
 
 @pytest.mark.parametrize(("patience", "times"), [(3600.0, 2), (0.0, 200)])
