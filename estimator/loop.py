@@ -52,9 +52,9 @@ _LAST_WEEK, _LAST_WEEKS = 8 * DAY, 35 * DAY
 the second the report tells."""
 
 _SELDOM, _SELDOM_LIVE = 7, (5, 23)
-"""In a history, how many times as seldom findings and trust are looked at before _LAST_WEEKS, and live forecasts are
-made before _LAST_WEEK and before _LAST_WEEKS. Such a forecast stands for as many. None divides a day, so that every
-hour of it has its turn."""
+"""In a history, how many times as seldom findings, trust and telemetry are looked at before _LAST_WEEKS, and live
+forecasts are made before _LAST_WEEK and before _LAST_WEEKS. Such a forecast stands for as many. None divides a day, so
+that every hour of it has its turn."""
 
 UNUSABLE_SD = 10.0
 """K: a forecast with a larger standard deviation says nothing of a room. Nonsense in the telemetry can leave a UKF with
@@ -244,14 +244,15 @@ class Loop:
         return Standing(state, one_step(ahead, self._levels), verified, issued), ahead
 
     def _watched(self, carried: Carried, time: int, outputs: Array, drive: Array) -> Carried:
-        """`carried` with what was measured at `time`, looked through once in lies.EVERY s; when something of it
-        begins or ceases to be suspected, what was learned of it is given up."""
+        """`carried` with what was measured at `time`, looked through once in lies.EVERY s, in a history seldomer;
+        when something of it begins or ceases to be suspected, what was learned of it is given up."""
         network, period = self.estimator.network, int(self.estimator.period)
         measured = np.where(carried.held.times == time + period, carried.held.values, np.nan)
         recent = with_measured(carried.recent, time, float(outputs[0]), measured)
         after = carried._replace(recent=recent)
-        phase, suspicions = self._seed % lies.EVERY, carried.suspicions
-        looked = (time + phase) // lies.EVERY != (time + period + phase) // lies.EVERY
+        every, suspicions = lies.EVERY * self.seldom(time), carried.suspicions
+        phase = self._seed % every
+        looked = (time + phase) // every != (time + period + phase) // every
         if looked:
             suspicions = lies.looked(network, recent, carried.suspicions, time + period, carried.thermostat.memory)
             found = carried.diagnosis._replace(findings=lies.among(carried.diagnosis.findings, network, suspicions))
@@ -368,7 +369,7 @@ class Loop:
         return _SELDOM_LIVE[0] if time < self.history_end - _LAST_WEEK else 1
 
     def seldom(self, time: int) -> int:
-        """How many times as seldom as usual findings and trust are looked at, at `time` [UTC s]."""
+        """How many times as seldom as usual findings, trust and telemetry are looked at, at `time` [UTC s]."""
         return _SELDOM if self.long_ago(time) else 1
 
     def long_ago(self, time: int) -> bool:

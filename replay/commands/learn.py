@@ -32,7 +32,8 @@ def add_to(add: AddCommand) -> None:
 
 
 def _learn(arguments: argparse.Namespace) -> int:
-    from replay.recorded.learning import learn
+    from adapters.fields.times import written_time
+    from replay.recorded.learning import ONE_OF, WHOLE, chosen, learn
     from replay.reports.publish import publish_report
     from service.config.load import load_history
     from service.errors import ServiceError
@@ -52,6 +53,11 @@ def _learn(arguments: argparse.Namespace) -> int:
         raise ServiceError("there is nothing to learn from; look at timestamp, decimal and unit of the sources")
     if any(history.doubts for history in histories.values()):
         print("what is learned from a mistake stays: stop with Ctrl-C, correct it, and learn with --reset ZONE")
+    for name, history in histories.items():
+        samples = history.recorded.samples
+        if samples and len(chosen(samples)) < len(samples):
+            until = written_time(samples[-1].time - WHOLE)
+            print(f"zone '{name}': before {until} one week in {ONE_OF} is learned from, from then on every one")
     learned = learn(config, histories, jobs=arguments.jobs, plant=plant, reset=arguments.reset)
     for zone, known in learned.known.items():
         print(f"zone '{zone}': {known} samples are not later than what it knows already, and were passed over")

@@ -16,6 +16,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import asynccontextmanager
 from typing import Any, NamedTuple
 
+from estimator.arrays import DAY
 from replay.processes import importing_once
 from replay.recorded.trace import Trace, Tracer
 from service.config.fitting import fingerprint, make_worker, neighbourhood
@@ -37,6 +38,15 @@ from service.zone.worker import ZoneWorker
 
 _CHUNK = 500
 """Samples that a zone takes between two checkpoints."""
+
+WHOLE = 56 * DAY
+"""s at the end of a history of which every sample is learned from."""
+
+ONE_OF = 5
+"""How many weeks there are, before WHOLE, to each one that is learned from. What a zone knows comes for the most part
+from the last months; older weeks tell of other seasons, of which some days say most."""
+
+_WEEK = 7 * DAY
 
 _FIRST = 100
 """Samples after which a process has compiled or read nearly all kernels: what later ones take can be foreseen."""
@@ -94,13 +104,14 @@ async def _learned(
         await store.forget(name)
         AUDIT.warning("the state of zone '%s' is set aside", name, extra=about("reset", "learn"))
     zones = [zone for zone in config.zones if histories[zone.id].recorded.samples]
+    taken = {zone.id: chosen(histories[zone.id].recorded.samples) for zone in zones}
     jobs = max(1, min(jobs, len(zones)))
     async with _processes(jobs) as processes:
         owners = {zone.id: processes[place % jobs] for place, zone in enumerate(zones)}
         new: dict[_Student, Sequence[Sample]] = {}
         known: dict[str, int] = {}
         for zone in zones:
-            samples = histories[zone.id].recorded.samples
+            samples = taken[zone.id]
             neighbours = neighbourhood(plant, zone, store.checkpoints)
             student = _Student(store, zone, owners[zone.id], neighbours, end=samples[-1].time)
             # All know where they begin before one of them goes on: no zone learns from what is new.
@@ -112,19 +123,25 @@ async def _learned(
             for student in [*new][:jobs]:
                 tasks.create_task(student.learn(new[student][:_FIRST]))
                 new[student] = new[student][_FIRST:]
-        total = sum(len(history.recorded.samples) for history in histories.values())
+        total = sum(map(len, taken.values()))
         with Progress("learning", total, None, done=total - sum(map(len, new.values()))) as bar:
             if any(new.values()):
                 bar.refresh()
             async with asyncio.TaskGroup() as tasks:
-                for student, samples in new.items():
-                    tasks.create_task(student.learn(samples, bar.update))
+                for student, rest in new.items():
+                    tasks.create_task(student.learn(rest, bar.update))
         loop = asyncio.get_running_loop()
         traces = [
             await loop.run_in_executor(owner, _trace, zone, histories[zone].recorded.refused)
             for zone, owner in owners.items()
         ]
     return Learned([trace for trace in traces if trace is not None], known)
+
+
+def chosen(samples: Sequence[Sample]) -> list[Sample]:
+    """Of the `samples` of a history those that are learned from: all of the last weeks, and of the time before some."""
+    begin = samples[-1].time - WHOLE
+    return [sample for sample in samples if sample.time >= begin or sample.time // _WEEK % ONE_OF == 0]
 
 
 class _Student:

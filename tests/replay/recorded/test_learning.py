@@ -190,18 +190,23 @@ def test_several_zones_learn_at_once_and_go_on_after_ctrl_c(tmp_path):
         assert_same(found["parts"][name], found["whole"][name])
 
 
+def test_of_a_long_history_the_last_weeks_are_learned_from_and_some_before(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(learning, "WHOLE", 86_400)
+    plant, history = written(tmp_path)
+    assert main(["learn", str(plant), "--from", str(history), "--out", str(tmp_path)]) == 0
+    told = capsys.readouterr().out.partition("zone 'room': 192 samples from 20")[2]
+    assert "one week in 5 is learned from, from then on every one" in told
+    samples = state_of(tmp_path)[1]
+    assert len(samples) == 97
+    weeks = [samples[0]._replace(time=604_800 * week) for week in range(2800, 2900)]
+    assert [one.time // 604_800 for one in learning.chosen(weeks)] == [*range(2800, 2900, 5), 2899]
+
+
 def test_a_zone_that_learned_from_a_mistake_is_reset(whole, tmp_path):
     learned(tmp_path, history=HISTORY.replace('"kW"', '"W"'))
     assert learned(tmp_path).traces == []
     learned(tmp_path, reset=["room"])
     assert_same(state_of(tmp_path)[3], state_of(whole[0])[3])
-
-
-def test_what_the_recording_holds_is_told_before_the_work(tmp_path):
-    (history,) = surveyed(load_history(*written(tmp_path))).values()
-    text = history.described
-    assert text.startswith(f"zone 'room': {len(history.recorded.samples)} samples from 20")
-    assert "measured in 100 %" in text
 
 
 def test_a_history_without_the_room_is_none(tmp_path):
