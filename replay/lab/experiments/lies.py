@@ -50,6 +50,10 @@ NOTHING = "the truth"
 ALARMS, NAMED = "alarms in 60 days", "by its name in 48 h"
 AFTERWARDS, AS_TRUE = "CRPS on the second day after", "CRPS on the second day after, over that without a lie"
 WITHIN = {f"found in {hours} h": hours for hours in (12, 24, 48)}
+SINCE_FALSE = {f"found in {hours} h of the first false reading": hours for hours in (12, 48)}
+FALSE = 0.1
+"""Share of the standard deviation that a column had in the true days: what tells more than that from the truth is a
+false reading."""
 
 
 class Lie(NamedTuple):
@@ -116,8 +120,8 @@ def prepare(request: Request) -> Study:
 
 
 def watch(run: Watch) -> Arrays:
-    """For every room and onset `any` and `named`: hours until something is found and until it has its name, NaN for
-    never; of the truth `alarms`, the suspicions that began, and `days`."""
+    """For every room and onset `any`, `named` and `false`: hours until something is found, until it has its name and
+    until the first false reading, NaN for never; of the truth `alarms`, the suspicions that began, and `days`."""
     if run.lie == NOTHING:
         alarms = 0
         for rows in run.rows:
@@ -128,16 +132,18 @@ def watch(run: Watch) -> Arrays:
         # Nothing is suspected before there is a reference.
         return {"alarms": np.array(alarms), "days": np.array(len(run.rows) * (run.rows.shape[1] / DAY - 9.0))}
     lie = LIES[run.lie]
-    found, named = [], []
+    found, named, false = [], [], []
     for rows in run.rows:
         for onset in ONSETS:
             begin = TRUE_DAYS * DAY + onset * HOUR
             lying = _lying(rows, lie, begin)[: begin + LYING_DAYS * DAY]
+            wrong = (np.abs(lying - rows[: len(lying)]) > FALSE * rows[:begin].std(axis=0)).any(axis=1)
+            false.append((wrong.argmax() - begin) / HOUR if wrong.any() else np.nan)
             looks = [((place - begin) / HOUR, stood) for place, stood in _suspected(lying, begin)]
             found.append(next((hours for hours, stood in looks if stood), np.nan))
             expected = (lie.name, lie.column)
             named.append(next((h for h, stood in looks if expected in {(o.name, o.column) for o in stood}), np.nan))
-    return {"any": np.array(found), "named": np.array(named)}
+    return {"any": np.array(found), "named": np.array(named), "false": np.array(false)}
 
 
 def afterwards(run: Watch) -> Arrays:
@@ -186,23 +192,27 @@ def _figures(lie: str, arrays: Arrays) -> Figures:
     if lie == NOTHING:
         return {ALARMS: 60.0 * float(arrays["alarms"]) / float(arrays["days"])}
     figures = {label: float(np.mean(arrays["any"] <= hours)) for label, hours in WITHIN.items()}
+    # Where nothing false is told, there is nothing to find.
+    since = (arrays["any"] - arrays["false"])[np.isfinite(arrays["false"])]
+    figures |= {label: float(np.mean(since <= hours)) for label, hours in SINCE_FALSE.items() if len(since)}
     return figures | {NAMED: float(np.mean(arrays["named"] <= max(WITHIN.values())))}
 
 
 def _report(results: Results) -> Report:
     def over(lie: str, figure: str) -> float:
         """The mean over buildings."""
-        return float(np.mean([results.mean(name, lie, figure) for name in results.recordings]))
+        return float(np.nanmean([results.mean(name, lie, figure) for name in results.recordings]))
 
     def as_true(lie: str) -> float:
         """What its forecasts afterwards are like, over those of the same rooms without it."""
         first = results.recordings[0]
         return results.mean(first, lie, AFTERWARDS) / results.mean(first, NOTHING, AFTERWARDS)
 
-    figures = (*WITHIN, NAMED)
+    figures = (*WITHIN, NAMED, *SINCE_FALSE)
     rows: list[tuple[Cell, ...]] = [(lie, *(over(lie, figure) for figure in figures), as_true(lie)) for lie in LIES]
     early, document = sum(over(lie, figures[0]) >= 0.5 for lie in LIES), Document(__package__, "lies.md")
     done = {"recordings": ", ".join(results.recordings), "true": TRUE_DAYS, "lying": LYING_DAYS, "onset": ONSETS[-1]}
+    done["share"] = FALSE
     lies = Table("lies", ("lie", *figures, AS_TRUE), tuple(rows))
     truth = results.table("truth", [ALARMS], contenders=[NOTHING])
     return Report(

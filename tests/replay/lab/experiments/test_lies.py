@@ -26,6 +26,7 @@ def test_hours_count_from_the_lie_on(rooms, lie):
     assert found["any"].shape == (2,)
     assert ((found["any"] > 0.0) & (found["any"] <= 24.0)).all()
     assert (found["named"] >= found["any"]).all()
+    assert ((found["false"] >= 0.0) & (found["false"] <= found["any"])).all()
 
 
 def test_the_truth_has_alarms_and_days(rooms):
@@ -56,10 +57,11 @@ def test_the_report_has_a_row_for_every_lie():
             return {"crps": np.array([0.2 if run.contender == NOTHING else 0.3])}
         if run.contender == NOTHING:
             return {"alarms": np.array(1), "days": np.array(30.0)}
-        return {"any": np.array([2.0, 20.0, np.nan]), "named": np.array([20.0, 60.0, np.nan])}
+        hours = {"any": [2.0, 20.0, np.nan], "named": [20.0, 60.0, np.nan], "false": [0.0, 7.0, np.nan]}
+        return {name: np.array(values) for name, values in hours.items()}
 
     figures = [study.measure(run, arrays(run)) for run in study.jobs]
     found, truth = study.written(Results(study.jobs, figures)).tables
     assert [row[0] for row in found.rows] == list(LIES)
-    assert found.rows[0][1:] == pytest.approx((1 / 3, 2 / 3, 2 / 3, 1 / 3, 1.5))
+    assert found.rows[0][1:] == pytest.approx((1 / 3, 2 / 3, 2 / 3, 1 / 3, 1 / 2, 1.0, 1.5))
     assert [row[-1].mean for row in truth.rows] == [2.0, 2.0]
