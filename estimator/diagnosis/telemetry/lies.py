@@ -62,8 +62,11 @@ _TOO_WARM = 1.5
 _ALIKE = 0.3
 """Share of a leap by which the one back may be larger or smaller."""
 
-_HEATED, _LEAST_HEATED = 0.02, 6.0
+_HEATED, _LEAST_HEATED = 0.02, 2.0
 """Share of the largest power from which a room is heated, and h of it without which nothing is said of its heat."""
+
+_ENOUGH = 6.0
+"""h of times alike whose largest step says how large one can be."""
 
 _SURE = {UNIT_CHANGED: 4.0, METER_LATE: 25.0, METER_DEAD: 8.0}
 """Log-likelihood ratio from which something is suspected, and _ABOVE times what has gathered in the reference."""
@@ -199,13 +202,15 @@ _SENTENCES = {
 """Problem and remedy, by the name of the finding."""
 
 
+def finding(network: Network, one: Suspicion) -> Finding:
+    """The finding that `one` of the suspicions is."""
+    channel = (network.measured[0], *network.inputs)[one.column]
+    return Finding(one.name, channel, _SENTENCES[one.name].format(channel=channel))
+
+
 def among(findings: tuple[Finding, ...], network: Network, suspicions: tuple[Suspicion, ...]) -> tuple[Finding, ...]:
     """`findings` with those of the `suspicions` in place of earlier ones about the telemetry."""
-    channels = (network.measured[0], *network.inputs)
-    told = (
-        Finding(one.name, channels[one.column], _SENTENCES[one.name].format(channel=channels[one.column]))
-        for one in sorted(suspicions, key=lambda one: TELEMETRY.index(one.name))
-    )
+    told = (finding(network, one) for one in sorted(suspicions, key=lambda one: TELEMETRY.index(one.name)))
     return (*told, *(one for one in findings if one.finding not in TELEMETRY))
 
 
@@ -306,7 +311,7 @@ def _largest(look: Look, column: int) -> Array:
     largest = []
     for which in (0, 1):
         known = sizes[: split - 1][heated[: split - 1] == which]
-        largest.append(2.0 * _highest(known) if len(known) > look.slots(_LEAST_HEATED) else np.inf)
+        largest.append(2.0 * _highest(known) if len(known) > look.slots(_ENOUGH) else np.inf)
     return np.where(unseen[1:], np.inf, np.maximum(_LEAST_JUMP, np.array(largest)[heated[split:]]))
 
 
@@ -417,10 +422,11 @@ def _misread(look: Look) -> Found:
         quiet, heated = np.abs(told) <= _HEATED * highest, told > _HEATED * highest
         if not quiet[-1]:
             continue
-        # A room that is warmer than it was ever heated to needs no heat.
+        # A room that is warmer than it was ever heated to needs no heat; what warms it from there on is none.
         room = found.rows[:, 0]
         idle = room > _highest(room[: found.known][heated[: found.known]])
-        hours = _evident(look, partial(_silently, found, unseen | idle, column, quiet), METER_DEAD, column)
+        needless = np.append(False, idle[:-1])
+        hours = _evident(look, partial(_silently, found, unseen | needless, column, quiet), METER_DEAD, column)
         silent, warming = float(_quiet(look, column)[-1]), look.slots(_WARMING)
         if hours is None and silent > _WARMING:
             warmer = _means(np.where(idle, np.nan, found.errors), warming)
@@ -438,12 +444,14 @@ def _instead(found: Response, unseen: Truths, column: int, values: Array, begin:
 
 
 def _silently(found: Response, unseen: Truths, column: int, quiet: Truths, begin: int) -> Array:
-    """The same of some of the usual heat where a meter is `quiet` (n,); it never is where it tells of heat."""
-    errors = found.errors[begin:]
-    powers = np.nanquantile(found.rows[: found.known, column], _SPREAD)
-    likelihoods = np.exp(found.log_likelihood(errors[:, None] - found.effect(column) * powers))
-    ratios = np.where(unseen[begin:], 0.0, np.log(likelihoods.mean(axis=1)) - found.log_likelihood(errors))
-    return np.where(quiet[begin:], ratios, -_NEVER)
+    """The same of the usual heat, as often as usual, where a meter is `quiet` (n,); it never is where it tells of
+    heat."""
+    errors, (_, usual, _) = found.errors[begin:], _heat(found, column)
+    often = len(usual) / np.isfinite(found.rows[: found.known, column]).sum()
+    heats = found.effect(column) * np.quantile(usual, _SPREAD)
+    ratios = found.log_likelihood(errors[:, None] - heats) - found.log_likelihood(errors[:, None])
+    ratios = np.log1p(often * (np.exp(ratios).mean(axis=1) - 1.0))
+    return np.where(quiet[begin:], np.where(unseen[begin:], 0.0, ratios), -_NEVER)
 
 
 def _unseen(look: Look) -> Truths:
@@ -508,7 +516,8 @@ def _warm(look: Look) -> Found:
     felt = max(found.effect(column) * _heat(found, column)[2] for column in heat) > found.scale
     if not felt or heated[:known].sum() < look.slots(_LEAST_HEATED):
         return
-    level = room - _wanted(look, heated)
+    # Where a window is opened, a room is heated when it is colder than at the beginning of the slot.
+    level = np.fmin(room, np.append(room[1:], np.nan)) - _wanted(look, heated)
     above = np.where(heated, level - np.nanmax(level[:known][heated[:known]], initial=-np.inf), -np.inf)
     # Where a window is closed, a room warms at once to what it was.
     leaps = np.cumsum(np.where(np.abs(found.errors) > _LEAST_JUMP / 2.0, found.errors, 0.0))
@@ -522,10 +531,13 @@ def _warm(look: Look) -> Found:
         step, hours = room[place] - room[place - 1], float(len(room) - place) * look.step
         if not _SUDDEN * step < after - before < step / _SUDDEN:
             continue
+        # What falls as suddenly within two hours was somebody who cooked.
+        if leaps[place : place + look.slots(_ALOFT)].min() < leaps[place - 1] + _ALIKE * found.errors[place]:
+            continue
         strong = step > max(_LEAST_JUMP, _ABOVE * usual)
         high = above[telling[telling >= place]] > 0.5 * (after - before)
-        if high.sum() >= hour or len(high) >= 2 * hour:
-            stands = (strong or high.sum() >= hour) and high[-2 * hour :].any()
+        if high.sum() >= hour / 2 or len(high) >= 2 * hour:
+            stands = (strong or high.sum() >= hour / 2) and high[-2 * hour :].any()
         else:
             stands = strong and hours > 1.0 and (hours <= 24.0 or (SENSOR_JUMPED, 0) in look.stood)
         if stands:

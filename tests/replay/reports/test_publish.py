@@ -214,9 +214,8 @@ def test_a_report_in_german_leaves_no_sentence_in_english(replayed, tmp_path, ca
     assert "Menschen und Geräte" in german
     assert any(text.startswith("`parameter-at-bound`: C_i liegt an der unteren Grenze von 1e5 J/K") for text in german)
     assert not any(re.search(r"\d\.\d", text) for text in german), "a German decimal is a comma"
-    assert sayer("de", {"EG 1.02"})("EG 1.02 `sd = 0.5` 1.5e6") == "EG 1.02 `sd = 0.5` 1,5e6", (
-        "but of a name, and of code"
-    )
+    # But of a name, and of code.
+    assert sayer("de", {"EG 1.02"})("EG 1.02 `sd = 0.5` 1.5e6") == "EG 1.02 `sd = 0.5` 1,5e6"
     publish_report("site", traces, tmp_path, language="de")
     assert "<html lang='de'>" in (tmp_path / "report.html").read_text()
     assert "Was die Vorhersagen wert waren" in capsys.readouterr().out

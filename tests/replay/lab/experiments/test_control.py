@@ -124,9 +124,8 @@ def test_the_report_shows_every_controller(runs: Mapping[str, Arrays], tmp_path:
     undisturbed = [row for row in rows_of(tmp_path / "controllers.csv") if row["recording"] == "timber, undisturbed"]
     table = {row["controller"]: row for row in undisturbed}
     assert set(table) == set(runs)
-    assert float(table[THERMOSTAT]["cost"]) == scored(runs[THERMOSTAT]).cost, (
-        "the first of several settings is the usual"
-    )
+    # The first of several settings is the usual.
+    assert float(table[THERMOSTAT]["cost"]) == scored(runs[THERMOSTAT]).cost
     (way,) = rows_of(tmp_path / "share-of-the-way.csv")
     assert float(way[THERMOGATE]) < 1.0
     targets = {row["target"]: row["verdict"] for row in rows_of(tmp_path / "verdicts.csv")}

@@ -31,9 +31,8 @@ def test_hours_count_from_the_lie_on(rooms, lie):
 
 def test_the_truth_has_alarms_and_days(rooms):
     found = watch(Watch(rooms[:, : 12 * 86400 // PERIOD], NOTHING))
-    assert (found["alarms"], found["days"]) == (0, 3.0), (
-        "without the week that the others are held against, and two days"
-    )
+    # Without the week that the others are held against, and two days.
+    assert (found["alarms"], found["days"]) == (0, 3.0)
 
 
 def test_forecasts_are_scored_on_the_second_day_after_the_lie(rooms, monkeypatch):
