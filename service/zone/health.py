@@ -1,7 +1,12 @@
-"""The state of a zone, and the one sentence that explains it."""
+"""The state of a zone, and the sentences that explain it and what of its telemetry is suspected."""
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Iterator, Sequence
 
+from adapters.fields.times import written_time
+from estimator.arrays import HOUR
+from estimator.diagnosis.telemetry.lies import SETTLED, Suspicion, finding
+from estimator.network.network import Network
 from service.zone.clock import implausible
 from service.zone.worker import Progress
 
@@ -46,3 +51,18 @@ def state_and_reason(
         )
     # The clock of a live zone goes on without its sources: for a while held inputs carry the forecasts.
     return "running", "; ".join(trouble)
+
+
+def telemetry_news(
+    network: Network, before: Sequence[Suspicion], now: Sequence[Suspicion], time: float
+) -> Iterator[tuple[int, str]]:
+    """Level and text for the log where other telemetry was suspected `before` than `now`, at `time` [UTC s]."""
+    stood, stands = ({(one.name, one.column): one for one in each} for each in (before, now))
+    for one in (stands[key] for key in stands.keys() - stood.keys()):
+        yield logging.WARNING, f"{finding(network, one).sentence} (since {written_time(one.since)})"
+    for one in (stood[key] for key in stood.keys() - stands.keys()):
+        told = f"{finding(network, one).subject} is believed again: {one.name} since {written_time(one.since)}"
+        if time - one.since < SETTLED * HOUR:
+            yield logging.INFO, f"{told} has ended"
+        else:
+            yield logging.WARNING, f"{told} has lasted for a week and is taken for true from now on"

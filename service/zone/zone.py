@@ -33,7 +33,7 @@ from service.store.series import bucket_of
 from service.zone import snapshot
 from service.zone.alignment import Alignment
 from service.zone.clock import MOST_SET_ASIDE
-from service.zone.health import state_and_reason
+from service.zone.health import state_and_reason, telemetry_news
 from service.zone.intake import FIRST_PAUSE, LONGEST_PAUSE, Intake
 from service.zone.mailbox import Left, Mark
 from service.zone.plumbing import Plumbing
@@ -299,9 +299,12 @@ class Zone:
 
     def _work(self, worker: ZoneWorker, sample: Sample) -> Update | None:
         """In a worker thread: one step, and its publication while the worker is the zone's own."""
+        suspected = worker.carried.suspicions
         with self._plumbing.stepping(self.id, sample.time):
             update = worker.step(sample)
         if worker is self.worker:
+            for level, text in telemetry_news(worker.network, suspected, worker.carried.suspicions, sample.time):
+                _log.log(level, "zone '%s': %s", self.id, text)
             self._timeliness.published()
             self._announce(Occasion.STATUS if update is None else Occasion.UPDATE)
         return update

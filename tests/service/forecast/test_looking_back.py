@@ -135,9 +135,8 @@ def test_forecasts_that_were_right_need_no_reason():
     assert (answer.value, answer.unit) == (0.3, "K")
     assert asked(worker(0.3, 0.2, forecasts=3)) == []
     (first,) = asked(worker(0.3, 0.2, recorded=1))
-    assert first.sentence == "In the last day the forecasts 6 h ahead were off by 0.3 K", (
-        "nothing is usual on a first day"
-    )
+    # Nothing is usual on a first day.
+    assert first.sentence == "In the last day the forecasts 6 h ahead were off by 0.3 K"
 
 
 def test_an_input_that_came_otherwise_is_named():

@@ -38,9 +38,8 @@ async def test_live_samples_never_wait_for_the_estimator_and_none_is_lost(tmp_pa
         items = [sample(k) for k in range(120)]
         await zone.intake.accept(items)
         assert zone.busy.waiting <= mailbox.ROOM + 2, "with the one under way, and what is left to the journal"
-        assert await shared.store.run(shared.store.journal.last_sample_time, "z") == items[-1].time, (
-            "each was journaled"
-        )
+        # Each was journaled.
+        assert await shared.store.run(shared.store.journal.last_sample_time, "z") == items[-1].time
         assert zone.now().status.samples == 0
         allowed.set()
         await caught_up(zone, items)

@@ -58,9 +58,8 @@ async def test_who_wrote_a_channel_is_known_and_another_one_is_told_of(
         for key, time in (("key one", 10.0), ("key one", 11.0), ("key two", 12.0), ("key one", 12.0)):
             asked_by(Asker(key))
             await zone.intake.take("post", [reading(OUTPUT, time)])
-        assert zone.now().status.writers == {INPUT: "source bms", OUTPUT: "key two"}, (
-            "a repeated reading is not written"
-        )
+        # A repeated reading is not written.
+        assert zone.now().status.writers == {INPUT: "source bms", OUTPUT: "key two"}
     told = [record.getMessage() for record in caplog.records if record.name == AUDIT.name]
     assert told == [
         f"key one writes {OUTPUT} of zone 'z' from now on",

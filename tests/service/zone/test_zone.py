@@ -14,6 +14,8 @@ from support.zone_samples import PERIOD, comparable, sample, worker
 import service.zone.intake
 import service.zone.zone
 from adapters.reading import Reading
+from estimator.diagnosis.finding import METER_DEAD, SENSOR_STUCK
+from estimator.diagnosis.telemetry.lies import Suspicion
 from service.errors import JournalError, ServiceError
 from service.forecast.learned import ParametersQuestion
 from service.publish.payloads import StatusPayload
@@ -86,6 +88,16 @@ def test_what_is_of_the_environment_or_caused_by_it_is_no_samples_fault(environm
         outer = RuntimeError("the step failed")
         outer.__cause__ = error
         assert (is_of_the_environment(error), is_of_the_environment(outer)) == (environment, environment)
+
+
+async def test_the_log_tells_what_of_the_telemetry_is_suspected_and_how_that_ends(tmp_path, caplog, monkeypatch):
+    lies = {5 * 3600: [Suspicion(SENSOR_STUCK, 0, 0.0)], 9 * 3600: [Suspicion(METER_DEAD, 1, -7.0 * 86400)]}
+    monkeypatch.setattr("estimator.loop.lies.looked", lambda *given: tuple(lies.get(given[3] // 3600 * 3600, ())))
+    with caplog.at_level(logging.INFO, "service.zone"):
+        async with plumbing(tmp_path) as shared:
+            await through(make(shared, {}), [sample(k) for k in range(12 * 3600 // PERIOD)])
+    ends = ["1970-01-01T00:00:00Z)", "00Z has ended", "1969-12-25T00:00:00Z)", "true from now on"]
+    assert [one.message.endswith(end) for one, end in zip(caplog.records, ends, strict=True)] == [True] * 4
 
 
 async def test_no_sample_is_passed_over_because_the_disk_is_full(tmp_path, caplog):
