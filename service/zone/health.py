@@ -59,7 +59,7 @@ def telemetry_news(
     """Level and text for the log where other telemetry was suspected `before` than `now`, at `time` [UTC s]."""
     stood, stands = ({(one.name, one.column): one for one in each} for each in (before, now))
     for one in (stands[key] for key in stands.keys() - stood.keys()):
-        yield logging.WARNING, f"{finding(network, one).sentence} (since {written_time(one.since)})"
+        yield logging.WARNING, f"{finding(network, one).sentence} (since {written_time(one.since)} at the earliest)"
     for one in (stood[key] for key in stood.keys() - stands.keys()):
         told = f"{finding(network, one).subject} is believed again: {one.name} since {written_time(one.since)}"
         if time - one.since < SETTLED * HOUR:
