@@ -42,7 +42,7 @@ _CHUNK = 500
 WHOLE = 56 * DAY
 """s at the end of a history of which every sample is learned from."""
 
-ONE_OF = 5
+ONE_OF = 3
 """How many weeks there are, before WHOLE, to each one that is learned from. What a zone knows comes for the most part
 from the last months; older weeks tell of other seasons, of which some days say most."""
 

@@ -192,6 +192,7 @@ def test_several_zones_learn_at_once_and_go_on_after_ctrl_c(tmp_path):
 
 def test_of_a_long_history_the_last_weeks_are_learned_from_and_some_before(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(learning, "WHOLE", 86_400)
+    monkeypatch.setattr(learning, "ONE_OF", 5)
     plant, history = written(tmp_path)
     assert main(["learn", str(plant), "--from", str(history), "--out", str(tmp_path)]) == 0
     told = capsys.readouterr().out.partition("zone 'room': 192 samples from 20")[2]
