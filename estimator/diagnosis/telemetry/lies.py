@@ -432,7 +432,9 @@ def _misread(look: Look) -> Found:
             warmer = _means(np.where(idle, np.nan, found.errors), warming)
             within = warmer[-max(1, look.slots(silent) - warming) :]
             usually = max(_highest(warmer[: found.known]), _EXPLAINED * look.step)
-            hours = silent if _highest(within) > _ABOVE * usually else None
+            # What warmed the room where it needed no heat, such as people in the evening, may do so where it is colder.
+            ever = _highest(_means(found.errors[: found.known], warming))
+            hours = silent if _highest(within) > max(_ABOVE * usually, ever) else None
         if hours is not None:
             yield METER_DEAD, column, max(hours, silent)
 
