@@ -32,7 +32,8 @@ STOP_SECONDS = 30.0
 """How long an orderly stop waits for each kind of member."""
 
 FORGIVEN = 600.0
-"""s without another ending after which a member counts as one that never hung."""
+"""s that a new process of a member may start, and after which, without another ending, it counts as one that never
+hung."""
 
 _ANEW = "stop the fleet and start it again"
 _KEPT_TABLES = ("site", "http", "zenoh", "fleet")
@@ -155,18 +156,18 @@ class Steward:
     async def end_the_hung(self, nodes: dict[str, str]) -> None:
         """End the members that were asked in vain for long although their machine lives: Ray starts them anew.
 
-        A machine with too much to do looks like one that hangs, and a start gives it more to do. So nobody is ended
-        before it has started, and who was ended before has twice the time.
+        A machine with too much to do looks like one that hangs, and a start gives it more to do. So a start may take
+        long, and who was ended before has twice the time.
         """
         assert self._plan is not None
         patience, now = 3 * fleet_of(self._plan.config).lease + ANSWER_SECONDS, time.monotonic()
         for name, silent in list(self._silent.items()):
-            if name in self._starting or name not in self._beats or self._beats[name].node not in nodes:
+            if name not in self._beats or self._beats[name].node not in nodes:
                 continue
             times, last = self._ended.get(name, (0, now))
             if now - last > FORGIVEN:
                 times = 0
-            if silent > patience * 2**times:
+            if silent > (FORGIVEN if name in self._starting else patience * 2**times):
                 _log.error("%s has not answered for %.0f s, and is started anew", name, silent)
                 await asyncio.to_thread(peers.remove, self._site, name, for_good=False)
                 self._ended[name] = times + 1, now
