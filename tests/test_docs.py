@@ -426,9 +426,8 @@ def test_links_and_file_names_lead_somewhere(path: Path) -> None:
         assert there.exists(), target
         if anchor:
             headings = re.findall(r"^#+ (.*)", there.read_text(encoding="utf-8"), re.MULTILINE)
-            assert anchor in [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings], (
-                target
-            )
+            anchors = [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings]
+            assert anchor in anchors, target
     for name in re.findall(r"`((?:estimator|adapters|service|replay|tests)/[\w/]+\.py)`", text):
         assert (ROOT / name).exists(), name
     for name in re.findall(r"python -m\s+(replay[\w.]*)", text):

@@ -33,7 +33,7 @@ def add_to(add: AddCommand) -> None:
 
 def _learn(arguments: argparse.Namespace) -> int:
     from adapters.fields.times import written_time
-    from replay.recorded.learning import ONE_OF, WHOLE, chosen, learn
+    from replay.recorded.learning import ONE_OF, WHOLE, learn
     from replay.reports.publish import publish_report
     from service.config.load import load_history
     from service.errors import ServiceError
@@ -55,7 +55,7 @@ def _learn(arguments: argparse.Namespace) -> int:
         print("what is learned from a mistake stays: stop with Ctrl-C, correct it, and learn with --reset ZONE")
     for name, history in histories.items():
         samples = history.recorded.samples
-        if samples and len(chosen(samples)) < len(samples):
+        if samples and samples[-1].time - WHOLE > samples[0].time:
             until = written_time(samples[-1].time - WHOLE)
             print(f"zone '{name}': before {until} one week in {ONE_OF} is learned from, from then on every one")
     learned = learn(config, histories, jobs=arguments.jobs, plant=plant, reset=arguments.reset)

@@ -131,7 +131,8 @@ class Steward:
                 await asyncio.to_thread(peers.remove, self._site, name)
             else:
                 await self._stopped(name)
-            for known in (self._beats, self._silent):
+            self._starting.discard(name)
+            for known in (self._beats, self._silent, self._ended):
                 known.pop(name, None)
         await self.end_the_hung(nodes)
 

@@ -66,9 +66,8 @@ class Workload(ABC):
             return
         before, after = states[done], states[min(done + 1, len(self.steps))]
         told = [sorted(item[:3] for item in content) for content in (found, before, after)]
-        assert found in (before, after) or self.on_the_way(found, done), (
-            f"after {done} steps there is {told[0]}, neither {told[1]} nor {told[2]}"
-        )
+        problem = f"after {done} steps there is {told[0]}, neither {told[1]} nor {told[2]}"
+        assert found in (before, after) or self.on_the_way(found, done), problem
 
 
 @cache

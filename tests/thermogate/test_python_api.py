@@ -134,6 +134,7 @@ NAMED = [timezone(timedelta(hours=hours), name) for hours, name in ((1.0, "CET")
     ("start", "zone", "tz", "shown"),
     [
         (JANUARY, "America/New_York", None, "America/New_York"),
+        (JANUARY, "UTC+02:00", None, "UTC+02:00"),
         (JANUARY, timezone(timedelta(hours=-3)), None, "UTC-03:00"),
         (JANUARY, KOLKATA, KOLKATA, "Asia/Kolkata"),
         (JANUARY, "UTC", BERLIN, BERLIN),

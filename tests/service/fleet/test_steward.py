@@ -148,6 +148,7 @@ async def test_a_member_that_was_asked_in_vain_for_long_is_ended_and_then_has_tw
         assert len(cluster.ended) == times
         await look(steward, 3 * patience)
         assert cluster.ended == ["shard-0"] * (times + 1), "nobody is ended while it starts"
+        assert "shard-0" in cluster.members
         cluster.silent.clear()
         await look(steward)
 

@@ -77,9 +77,8 @@ def test_watts_are_planned_and_modelled_as_those_of_the_room(sharing):
     )
     model = asked(sharing, ModelQuestion(1, 4, "ekf"))
     of_meter = sharing.estimator.draws(state, 4)
-    assert model.draws.B[:, 0, 1] == pytest.approx((PERIOD / of_meter.theta[0]), rel=0.2), (
-        "a watt warms the air by its capacitance alone"
-    )
+    # A watt warms the air by its capacitance alone.
+    assert model.draws.B[:, 0, 1] == pytest.approx((PERIOD / of_meter.theta[0]), rel=0.2)
 
 
 def test_what_the_room_used_is_its_share_with_an_interval(alone, sharing):

@@ -61,7 +61,9 @@ def test_one_request_is_answered_in_few_sentences(app: FastAPI, case: str, count
     [
         (b'{"horizon":"1h","levels":' + b"[" + b"0.5," * MAX_ITEMS + b"0.5]}", 413, f"more than {MAX_ITEMS} values"),
         (b'{"\\uDFFF":1}', 400, "half a character"),
+        (b'{"horizon":"1h","inputs":{"\\udabc":1}}', 400, "half a character"),
         (b'{"horizon":"\\ud83d\\ude00"}', 422, "\N{GRINNING FACE}"),
+        (b'{"horizon":"1h","horizon":"2h"}', 400, "twice; give it once"),
         (b'{"horizon":"1h","inputs":{"u":1,"u":2}}', 400, "twice; give it once"),
         ('{"horizon":"1h","inputs":{"\\udabc":1}}'.encode("utf-16"), 400, "half a character"),
         (b'{"horizon":"1h","inputs":{"\xed\xa0\x80":1}}', 400, "half a character"),
