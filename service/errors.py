@@ -73,10 +73,7 @@ class JournalError(ServiceError):
 
 
 class Fenced(JournalError):
-    """Another owner has what was to be written to: the lease of this one is over, or `zones` have gone to another.
-
-    Without `zones` it is the lease, and so everything.
-    """
+    """Another owner has what was to be written to: `zones`, or without any the lease of this one, and so everything."""
 
     def __init__(self, sentence: str, zones: Sequence[str] = ()) -> None:
         super().__init__(sentence)
@@ -102,10 +99,8 @@ class BackupError(ServiceError):
 
 
 class StateMismatch(ServiceError):
-    """The stored state of `zone`, in `place`, was made with another network or other structural options.
-
-    `reset` tells how state is given up there, if not by the daemon on one machine.
-    """
+    """The stored state of `zone`, in `place`, was made with another network or other structural options; `reset` tells
+    how state is given up there, if not by the daemon on one machine."""
 
     def __init__(self, zone: str, place: object, reset: str | None = None) -> None:
         super().__init__(

@@ -8,10 +8,8 @@ import numpy as np
 
 
 def plain(value: Any) -> Any:
-    """`value` with NumPy's numbers, texts and arrays as Python's, in lists, tuples and tables as well.
-
-    An array becomes a list; one without a dimension becomes its only item. Anything else stays as it is.
-    """
+    """`value` with NumPy's numbers, texts and arrays as Python's, in lists, tuples and tables as well: an array becomes
+    a list, one without a dimension its only item."""
     if isinstance(value, np.ndarray):
         return [plain(item) for item in value] if value.ndim else plain(value[()])
     # item() would take the unit from a moment or a duration.

@@ -35,11 +35,8 @@ _SCORES = {
 
 
 class Backtest:
-    """Forecasts along a table, each by a model that had learned only what came before it. `backtest` and `compare`
-    make it.
-
-    Forecasts go 1 step, 1 h, 6 h and 24 h ahead, under the inputs that really followed.
-    """
+    """Forecasts along a table, 1 step, 1 h, 6 h and 24 h ahead under the inputs that really followed, each by a model
+    that had learned only what came before it. `backtest` and `compare` make it."""
 
     def __init__(self, recording: Recording, runs: Mapping[str, Arrays], tz: str) -> None:
         self._recording, self._runs, self._tz = recording, runs, tz

@@ -74,10 +74,8 @@ def pandas() -> Any:
 
 
 def clock(frame: Frame, zone: str | tzinfo | None, what: str) -> Clock:
-    """When the rows of `frame`, called `what` in messages, are; `zone` is that of times without one.
-
-    DataError where `frame` is no DataFrame, its index no times, or `zone` cannot be told by a name.
-    """
+    """When the rows of `frame`, called `what` in messages, are; `zone` is that of times without one. DataError where
+    `frame` is no DataFrame, its index no times, or `zone` cannot be told by a name."""
     pd = pandas()
     if not isinstance(frame, pd.DataFrame):
         raise DataError(f"{what} must be a pandas DataFrame, not {_kind(frame)}")

@@ -40,11 +40,8 @@ class Taken(NamedTuple):
 
 
 def taken(settings: Settings, df: Frame, after: int | None = None, idle: int = 0) -> Taken:
-    """What the table `df` holds of the zone of `settings`.
-
-    Rows up to the sample at `after`, UTC s, are passed over; the last `idle` samples before had no reading. DataError
-    for a table that cannot be used, or of which nothing is new.
-    """
+    """What the table `df` holds of the zone of `settings` after the sample at `after`, UTC s; the last `idle` samples
+    before had no reading. DataError for a table that cannot be used, or of which nothing is new."""
     times = clock(df, settings.tz, "the table")
     check_columns(df, settings.columns, "the table")
     since = -inf if after is None else after + settings.zone.period
@@ -70,10 +67,8 @@ def taken(settings: Settings, df: Frame, after: int | None = None, idle: int = 0
 
 
 def learn(session: Session, df: Frame, progress: bool, what: str) -> Taken:
-    """Take `session` over the rows of `df` that it has not seen; a slow progress is called `what`.
-
-    DataError for a table that cannot be used, or of which nothing is new.
-    """
+    """Take `session` over the rows of `df` that it has not seen; a slow progress is called `what`. DataError for a
+    table that cannot be used, or of which nothing is new."""
     worker, before = session.worker, len(session)
     found = taken(session.settings, df, worker.progress.last_time, worker.empty_samples)
     if found.samples:

@@ -1,7 +1,5 @@
 """A fitted model: it forecasts, explains itself and goes on learning."""
 
-from __future__ import annotations
-
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -10,7 +8,7 @@ from datetime import timedelta
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -81,7 +79,7 @@ class Model:
         """How many readings were not used, by the reason."""
         return {str(fault): count for fault, count in self._faults.items()}
 
-    def update(self, df: Frame, *, progress: bool = True) -> Model:
+    def update(self, df: Frame, *, progress: bool = True) -> Self:
         """Go on learning from later measurements, and return the model itself.
 
         The columns are those of `fit`. Rows up to the last interval that the model has seen are passed over, as the
@@ -329,18 +327,16 @@ class Model:
         return table(columns, self._moments(rows["time"]))
 
     def skill(self, days: int = 30, as_issued: bool = False) -> Frame:
-        """How good the model's forecasts were over the last 1, 7 or 30 `days`, horizon by horizon.
-
-        Every forecast was made while the model learned, before the measurement that it is held to: one step ahead at
-        every sample, and hours ahead once an hour under the inputs that really followed. These are the figures of the
-        daemon, for the first measured temperature.
+        """How good the model's forecasts of the first measured temperature were over the last 1, 7 or 30 `days`,
+        horizon by horizon, each made before the measurement that it is held to: hours ahead under the inputs that
+        really followed.
 
         Columns: forecasts (their number), coverage and width [K] of the 95 % interval, crps and rmse [K], the rmse [K]
         of persistence (nothing changes) and of an online ARX model, and the skill against both, the share by which the
         model's rmse is smaller: 1 is perfect, 0 as good, below 0 worse.
 
-        With `as_issued`, the forecasts hours ahead as nobody knew the heating: under the inputs foreseen then. Beside
-        their scores stand rmse and crps of persistence and of the measurement a day before.
+        With `as_issued`, under the inputs foreseen then: beside their scores stand rmse and crps of persistence and of
+        the measurement a day before.
         """
         found, number = self._skill(), number_in(plain(days))
         windows = [window.days for window in found.windows]

@@ -1,9 +1,8 @@
 """The daemon's worker over samples, and the table of numbers that its updates leave."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import nan
+from typing import Self
 
 import numpy as np
 
@@ -36,7 +35,7 @@ class Session:
         self.tracer = Tracer(settings.zone, self.worker)
         """What a report needs of them."""
 
-    def begin(self, others: Sequence[Session]) -> None:
+    def begin(self, others: Sequence[Self]) -> None:
         """Begin with what `others` have learned; before the first sample."""
         experience = taught(self.worker, [other.worker for other in others])
         self.worker.carried = self.worker.carried._replace(experience=experience)

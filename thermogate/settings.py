@@ -57,9 +57,7 @@ def settings_for(
     df: Frame, network: object, columns: object, tz: str | tzinfo | None, given: Mapping[str, Any]
 ) -> Settings:
     """The settings that the arguments of `fit` amount to for the table `df`; None in `given` leaves the default.
-
-    ConfigError for arguments and DataError for a table that cannot be used.
-    """
+    ConfigError for arguments and DataError for a table that cannot be used."""
     pandas()
     tables = {} if columns is None else items(columns)
     present = set(map(str, getattr(df, "columns", ())))
@@ -91,10 +89,8 @@ _AS: Mapping[str, Callable[[Any], Any]] = {
 
 
 def network_of(network: object, channels: Collection[str] = ()) -> Network:
-    """A preset's name, a table as in the configuration or a network, as a network; ConfigError with the mistakes.
-
-    `channels` are those that there are columns for: the network "auto" follows from them.
-    """
+    """A preset's name, a table as in the configuration or a network, as a network; "auto" follows from the `channels`
+    that there are columns for. ConfigError with the mistakes."""
     if isinstance(network, Network):
         return network.validate()
     raw = {"network": dict(network) if isinstance(network, Mapping) else network}

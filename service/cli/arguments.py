@@ -1,7 +1,5 @@
-"""What the commands share: how one is added, how its configuration, numbers and times are read.
-
-A command imports what it needs when it runs, so that `thermogate --help` does not wait for the compiler.
-"""
+"""What the commands share. A command imports what it needs when it runs, so that `thermogate --help` does not wait for
+the compiler."""
 
 from __future__ import annotations
 

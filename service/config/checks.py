@@ -24,10 +24,8 @@ _MORE_CHANNELS = "; it also takes I_sol for the sun, and neighbours whose names 
 
 @dataclass
 class ZoneDraft:
-    """What could be read of one zone; each part is there or not independently of the others.
-
-    `names` are the channels as written (None: not even those), `channels` those among them that could be read.
-    """
+    """What could be read of one zone: `names` are the channels as written (None: not even those), `channels` those
+    among them that could be read."""
 
     place: Place
     table: ZoneTable | None
@@ -62,11 +60,8 @@ def check_ids(raw_zones: Sequence[Any], problems: Problems) -> None:
 
 
 def check_zone(draft: ZoneDraft, kinds: Mapping[str, str | None], problems: Problems) -> object:
-    """Channels and network fit each other, every channel has its source, unit and aggregate, and the options hold; the
-    resolved options, None where they do not.
-
-    `kinds` maps the name of every source to its kind, None if that could not be read.
-    """
+    """The resolved options of a zone, None where they do not hold; what else is wrong with its channels is noted.
+    `kinds` maps the name of every source to its kind, None if that could not be read."""
     options = None
     if draft.network is not None:
         _check_channel_names(draft, draft.network, kinds, problems)

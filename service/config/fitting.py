@@ -1,8 +1,5 @@
 """What a zone's configuration amounts to: its worker, its alignment, what is known of its inputs, the fingerprint of
-its state, and what it begins with beside zones that have learned.
-
-The daemon and `thermogate replay` both build their zones here, so that a recorded period runs through the same code.
-"""
+its state, and what it begins with. The daemon and `thermogate replay` both build their zones here."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import islice

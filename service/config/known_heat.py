@@ -22,11 +22,8 @@ OF_THE_ENVELOPE = ("construction", "built")
 
 
 def heated(network: Network, zone: ZoneTable, whereabouts: Whereabouts, place: Place, problems: Problems) -> Network:
-    """`network` of the `zone` at `place` with the terms that its table asks for; what is wrong is noted in `problems`.
-
-    A network of the preset "auto" has habits, and the sun if it is measured, unless the table says otherwise. A network
-    that has terms already keeps them.
-    """
+    """`network` of the `zone` at `place` with the terms that its table asks for, or has already; of the preset "auto"
+    habits, and the sun if it is measured, unless the table says otherwise. What is wrong is noted in `problems`."""
     try:
         network.validate()
     except NetworkError:
@@ -83,10 +80,8 @@ def usually_heated(
 
 
 def shared(drafts: Sequence[ZoneDraft], problems: Problems) -> None:
-    """Give the networks of `drafts` the shares that their channels ask for; what is wrong is noted in `problems`.
-
-    Zones that name the same meter have shares by their floor areas where all are known, and equal ones otherwise.
-    """
+    """Give the networks of `drafts` the shares that their channels ask for: of the same meter by floor areas where all
+    are known, and equal ones otherwise. What is wrong is noted in `problems`."""
     readers: dict[str, list[tuple[ZoneDraft, str]]] = {}
     for draft in drafts:
         for place, name, channel in draft.delivered:

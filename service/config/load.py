@@ -45,23 +45,17 @@ MOST_LEVELS = 50
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Config:
-    """The configuration in the file at `path`, with `overrides` ("dotted.key=value") applied.
-
-    Every default is filled in and every path absolute (relative ones are taken from the file's folder). Nothing is
-    connected to, but the headers of recorded files are read. Raises ConfigError with every mistake found, one sentence
-    each.
-    """
+    """The configuration in the file at `path`, with `overrides` ("dotted.key=value") applied, every default filled in
+    and every path absolute. Of files the headers alone are read. Raises ConfigError with every mistake found."""
     raw = apply_overrides(_parsed(path), overrides)
     return _read(raw, path.resolve().parent, Problems(raw))
 
 
 def load_history(path: Path, history: Path, overrides: Sequence[str] = ()) -> Config:
-    """The configuration at `path` with the telemetry that the file `history` names in place of its own: the [sources]
-    there, and of every zone there its channels and set-point. Zones that it does not name are left out. A Parquet file
-    is history itself: its columns are called `zone/channel`, or `channel` where there is one zone only.
-
-    Raises ConfigError with every mistake found; places are those in `history`.
-    """
+    """The configuration at `path` with the [sources], and of every zone the channels and set-point, of the file
+    `history` in place of its own; other zones are left out. A Parquet file is history itself: its columns are called
+    `zone/channel`, or `channel` where there is one zone only. Raises ConfigError with every mistake found, by its place
+    in `history`."""
     plant = apply_overrides(_parsed(path), overrides)
     told = _from_parquet(history, plant) if is_parquet(history) else _parsed(history)
     problems = Problems(told)

@@ -1,8 +1,5 @@
-"""The configuration as the daemon sees it: every table of the TOML file as a frozen model with its defaults.
-
-`service.config.load.load` builds a `Config`; nothing else needs to. Descriptions complete the sentences
-"is missing; give ..." and "must be ...".
-"""
+"""The configuration as the daemon sees it: every table of the TOML file as a frozen model with its defaults, built by
+`service.config.load.load`. Descriptions complete the sentences "is missing; give ..." and "must be ..."."""
 
 import zlib
 from pathlib import Path

@@ -37,10 +37,8 @@ _NICENESS = 5
 
 
 def prepare_process(shared: bool = False) -> None:
-    """What every entry point calls first, before anything imports NumPy or Numba.
-
-    `shared`: the process is not ours, but a notebook's, whose linear algebra keeps its threads.
-    """
+    """What every entry point calls first, before anything imports NumPy or Numba. `shared`: the process is not ours,
+    but a notebook's, whose linear algebra keeps its threads."""
     if not shared:
         # Our matrices are small, and zones or runs are spread over threads and processes already. OpenBLAS would start
         # a thread per processor in each, which wait for each other by turning round: three fits beside each other on
@@ -73,13 +71,9 @@ async def collect_garbage() -> None:
 
 
 def _give_numba_a_cache() -> None:
-    """Choose the folder of compiled kernels, unless NUMBA_CACHE_DIR does.
-
-    It is named after the sources of the estimator: Numba itself sees a change only in the file of the kernel that it
-    caches, not in what that kernel calls. Where there is no home folder that can be written, as under a hardened
-    service, a folder of this process's own costs a compilation at every start; a unit sets NUMBA_CACHE_DIR to a lasting
-    one.
-    """
+    """Choose the folder of compiled kernels, unless NUMBA_CACHE_DIR does: one of the user named after the sources of
+    the estimator, for Numba does not see a change in what a kernel calls; without a home that can be written, one of
+    this process's own, which costs a compilation at every start."""
     if "NUMBA_CACHE_DIR" in os.environ:
         return
     sources = sorted((Path(__file__).resolve().parents[2] / "estimator").rglob("*.py"))
@@ -99,11 +93,8 @@ def _give_numba_a_cache() -> None:
 
 
 def _keep_freed_memory() -> None:
-    """Tell glibc's allocator to keep what is freed; elsewhere nothing happens.
-
-    Every sample replaces a zone's arrays, megabytes of them. The C library would hand them back to the operating system
-    and ask for them again at the next sample, and every page would be cleared anew: up to a third of an update's time.
-    """
+    """Tell glibc's allocator to keep what is freed: every sample replaces megabytes of arrays, and to hand them back to
+    the operating system and ask for them again takes up to a third of an update's time."""
     if not sys.platform.startswith("linux"):
         return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)

@@ -1,9 +1,5 @@
-"""`thermogate run`: everything started in order, reloaded, stopped in order.
-
-One asyncio loop does all I/O; estimator steps run in a thread pool (the compiled kernels release the GIL). On
-SIGTERM or SIGINT the sources stop, the mailboxes are drained, checkpoints are written, HTTP and Zenoh are closed. On
-SIGHUP the configuration is read again. What runs is put together in `service.daemon.composition`.
-"""
+"""`thermogate run`: everything started in order, reloaded on SIGHUP, and on SIGTERM or SIGINT stopped in order. What
+runs is put together in `service.daemon.composition`."""
 
 import asyncio
 import faulthandler
@@ -51,11 +47,8 @@ def run_daemon(
     duration: float | None = None,
     reread: Callable[[], Config] | None = None,
 ) -> int:
-    """Run until SIGTERM or SIGINT, or for `duration` s; 0 after an orderly stop.
-
-    `reset` names zones whose stored state is set aside first. `reread` reads the configuration again for a reload.
-    Raises ServiceError where the start fails.
-    """
+    """Run until SIGTERM or SIGINT, or for `duration` s; 0 after an orderly stop. The state of the zones in `reset` is
+    set aside first; `reread` reads the configuration again for a reload. Raises ServiceError where the start fails."""
     check_exposure(config)
     configure_logging(config.log)
     _warn(config)

@@ -9,11 +9,8 @@ _AGAIN_SECONDS = 0.5
 
 
 async def end(tasks: Collection[asyncio.Future[Any]]) -> None:
-    """Cancel `tasks` and wait until they are over, whatever comes of them.
-
-    One cancellation may not be enough: `asyncio.wait_for` of Python 3.11, in which the Modbus library waits for its
-    answers, passes over one that meets an answer.
-    """
+    """Cancel `tasks`, again where one passes over it as `asyncio.wait_for` of Python 3.11 may, and wait until they are
+    over, whatever comes of them."""
     pending = set(tasks)
     while pending:
         for task in pending:

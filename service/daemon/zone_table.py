@@ -7,11 +7,8 @@ AnyZone = TypeVar("AnyZone")
 
 
 class Zones(Mapping[str, AnyZone]):
-    """Zones by id, in the order to list them.
-
-    A reload replaces them all in one go, so that another thread sees those before or those after, and never a
-    dictionary that changes under its hands.
-    """
+    """Zones by id, in the order to list them. A reload replaces them all in one go: another thread never sees a
+    dictionary that changes under its hands."""
 
     def __init__(self) -> None:
         self._zones: dict[str, AnyZone] = {}

@@ -155,11 +155,9 @@ class Steward:
         self._beats[name] = beat
 
     async def end_the_hung(self, nodes: dict[str, str]) -> None:
-        """End the members that were asked in vain for long although their machine lives: Ray starts them anew.
-
-        A machine with too much to do looks like one that hangs, and a start gives it more to do. So a start may take
-        long, and who was ended before has twice the time.
-        """
+        """End the members that were asked in vain for long although their machine lives: Ray starts them anew. A
+        machine with too much to do looks like one that hangs, so a start may take long, and who was ended before has
+        twice the time."""
         assert self._plan is not None
         patience, now = 3 * fleet_of(self._plan.config).lease + ANSWER_SECONDS, time.monotonic()
         for name, silent in list(self._silent.items()):

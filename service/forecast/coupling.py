@@ -29,11 +29,8 @@ class Member(NamedTuple):
 
 
 def coupled(members: Sequence[Member]) -> dict[str, dict[str, Neighbour]]:
-    """What the neighbours of each of `members` are forecast to do, by zone and input.
-
-    Rooms of one period are simulated in step; one whose forecast begins earlier than another's is simulated up to
-    there first. Neighbours of another period, or far behind, are left out.
-    """
+    """What the neighbours of each of `members` are forecast to do, by zone and input. Rooms of one period are simulated
+    in step, one whose forecast begins earlier up to there first; others, or those far behind, are left out."""
     found: dict[str, dict[str, Neighbour]] = {}
     for period in {member.view.period for member in members}:
         group = [member for member in members if member.view.period == period]

@@ -1,9 +1,5 @@
-"""The engine behind every forecast over several steps: one zone under one plan, from the state that its worker has.
-
-A question is answered whole from one state, so that a sample that comes meanwhile changes nothing in the answer.
-"""
-
-from __future__ import annotations
+"""The engine behind every forecast over several steps: one zone under one plan, answered whole from one state of its
+worker."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -125,7 +121,7 @@ class FixedRoom:
         """One step on."""
         self._step += 1
 
-    def anew(self) -> FixedRoom:
+    def anew(self) -> "FixedRoom":
         """The same at its beginning."""
         return FixedRoom(self._path)
 

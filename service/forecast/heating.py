@@ -1,13 +1,9 @@
-"""Questions about a zone's heating: when to start it, what it will take, what another plan of set-points changes.
-
-Each is answered from one state, by the futures that run the thermostat (`estimator.thermostat.live`).
-"""
-
-from __future__ import annotations
+"""Questions about a zone's heating, each answered from one state by the futures that run the thermostat
+(`estimator.thermostat.live`): when to start, what it will take, what another plan changes."""
 
 from collections.abc import Callable, Sequence
 from datetime import datetime, time, timedelta, tzinfo
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -224,7 +220,7 @@ class _Outcome(NamedTuple):
     hours_below: Amounts
 
     @classmethod
-    def of(cls, fan: Fan, setpoints: Array, period: float, price: Array | None) -> _Outcome:
+    def of(cls, fan: Fan, setpoints: Array, period: float, price: Array | None) -> Self:
         spans = np.zeros(len(setpoints), dtype=np.int64)
         return cls(
             answers.energy(fan.heat, period, spans),
@@ -233,13 +229,13 @@ class _Outcome(NamedTuple):
             answers.below(fan.outputs.means[1:, 0].T, setpoints, fan.outputs.weights[1:], period, COLD),
         )
 
-    def stretched(self, scale: Array) -> _Outcome:
+    def stretched(self, scale: Array) -> Self:
         """As wide as energies of plans proved to be. What differs between two plans has no such record."""
         # A price may be negative.
         cost = None if self.cost is None else self.cost.stretched(scale, -np.inf)
         return self._replace(energy=self.energy.stretched(scale), cost=cost)
 
-    def less(self, other: _Outcome) -> _Outcome:
+    def less(self, other: Self) -> "_Outcome":
         """The difference to `other`, of the same futures under another plan."""
         cost = None
         if self.cost is not None and other.cost is not None:

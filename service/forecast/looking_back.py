@@ -44,12 +44,9 @@ _NOTED = 0.05
 
 
 def warming_up(step: float, temperature: Array, setpoint: Array, cold: float) -> Iterator[RoomAnswer]:
-    """How long the room was too cold after its set-point had risen: so much earlier the heating may start.
-
-    `temperature` and `setpoint` (K,) [degC] are of intervals of `step` s; more than `cold` [K] below its set-point the
-    room is too cold. A rise says nothing after which another comes or the end, or nothing is measured, before the room
-    is warm.
-    """
+    """How long the room was more than `cold` [K] below its set-point after that had risen, by `temperature` and
+    `setpoint` (K,) [degC] of intervals of `step` s. A rise says nothing after which another comes or the end, or
+    nothing is measured, before the room is warm."""
     with np.errstate(invalid="ignore"):
         changes = np.diff(setpoint)
         rises, falls = (np.flatnonzero(change > cold) + 1 for change in (changes, -changes))
@@ -198,10 +195,8 @@ def spoken_energy(kwh: float) -> str:
 
 
 def last_day(worker: ZoneWorker, times: Array, step: float, inputs: Array, gain: Array) -> Iterator[RoomAnswer]:
-    """How far the forecasts of the last day were off 6 h ahead as they were issued, and why.
-
-    `inputs` (K, n_u) and `gain` (K,) [W], unmeasured, are of the intervals of `step` s that begin at `times` [UTC s].
-    """
+    """How far the forecasts of the last day were off 6 h ahead as they were issued, and why; `inputs` (K, n_u) and
+    `gain` (K,) [W], unmeasured, are of the intervals of `step` s that begin at `times` [UTC s]."""
     skill = worker.skill()
     if skill is None:
         return

@@ -1,9 +1,7 @@
 """A zone in one state, under a plan: its forecast with the law of the thermostat inside."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -31,7 +29,7 @@ class PlannedZone(NamedTuple):
     grid: Grid
 
     @classmethod
-    def of(cls, worker: ZoneWorker, standing: Standing, planned: Inputs, steps: int) -> PlannedZone:
+    def of(cls, worker: ZoneWorker, standing: Standing, planned: Inputs, steps: int) -> Self:
         """Over `steps` steps from the newest forecast on."""
         return cls(worker, standing, planned, Grid(standing.update.forecast.valid_time, worker.period, steps))
 
@@ -51,12 +49,9 @@ class PlannedZone(NamedTuple):
         return self.worker.loop.ahead(self.standing.carried, int(self.grid.start), rows, outlook.known)
 
     def with_law(self, ahead: Ahead) -> LiveFan | None:
-        """The forecast under what is foreseen `ahead` with the law inside, or, where neither set-points nor heat are
-        planned, that of the futures of a zone with a set-point; None where a forecast under the drive rows themselves
-        is asked, or nothing is known that could come in their place.
-
-        NoLaw for planned set-points that no law keeps.
-        """
+        """The forecast under what is foreseen `ahead` with the law inside, or without a plan of heat or set-points that
+        of the futures of a zone with a set-point; None where neither is known, or heat is planned. NoLaw for planned
+        set-points that no law keeps."""
         carried, thermostat, live = self.standing.carried, self._thermostat, self.worker.loop.live
         now = Now(self.standing.state, thermostat, carried.held.values, int(self.grid.start))
         if not self.grid.steps:

@@ -1,17 +1,12 @@
 """How a room does, in the words of the people who run it: the answers that page, report and notebooks open with.
-
-One computation for all three: from what was measured in a period (`Past`), and from what the zone's worker has learned.
-Sentences are parts that "; " joins, each of which the page and the report have in other languages.
-"""
-
-from __future__ import annotations
+Sentences are parts that "; " joins, each of which the page and the report have in other languages."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from math import ceil, floor
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -96,7 +91,7 @@ class Past(NamedTuple):
     """(K, n_u) in the network's units."""
 
     @classmethod
-    def of(cls, series: Series) -> Past:
+    def of(cls, series: Series) -> Self:
         """A stretch of history."""
         y, setpoint = (series.means[name] for name in ("y", "setpoint"))
         gain = np.column_stack([series.means[name] for name in GAIN])
@@ -104,11 +99,9 @@ class Past(NamedTuple):
 
 
 class RoomQuestion(NamedTuple):
-    """Asks how a room did in `past` and what it is like.
-
-    `area` [m2] is that of its floor, NaN if nobody says it, and `zone` the IANA name of its time zone (None: UTC);
-    `entered` is whether the power of its heating at full is not measured but entered, as for a valve.
-    """
+    """Asks how a room did in `past` and what it is like: its floor has `area` [m2] (NaN: nobody says it), its clocks
+    are those of `zone` (IANA; None: UTC), and the power of its heating at full was `entered`, as for a valve, or
+    measured."""
 
     past: Past
     area: float = float("nan")
@@ -176,7 +169,7 @@ class Comfort(NamedTuple):
     against_setpoint: bool
 
     @classmethod
-    def of(cls, past: Past) -> Comfort:
+    def of(cls, past: Past) -> Self:
         setpoint = bool(np.isfinite(past.setpoint).any())
         lower, upper = (np.full(len(past.times), limit) for limit in BAND)
         if setpoint:
@@ -399,7 +392,7 @@ class _Elsewhere(NamedTuple):
     people: Array
 
     @classmethod
-    def of(cls, worker: ZoneWorker, past: Past) -> _Elsewhere:
+    def of(cls, worker: ZoneWorker, past: Past) -> Self:
         sun, habits = np.zeros((2, len(past.times), 3))
         summary, network = worker.parameters(_LEVELS), worker.network
         if summary is not None and len(summary.coefficients):

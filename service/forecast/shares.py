@@ -1,8 +1,6 @@
 """Heat meters of several zones: from watts of the meter to those of one zone, and back."""
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.special import ndtri
@@ -24,7 +22,7 @@ class Shares(NamedTuple):
     """(n_u,): standard deviations of the logarithms."""
 
     @classmethod
-    def of(cls, worker: ZoneWorker) -> Shares:
+    def of(cls, worker: ZoneWorker) -> Self:
         """As `worker` has learned them; where its estimator knows no building, as they are likely."""
         network = worker.network
         found = cls(np.ones(len(network.inputs)), np.zeros(len(network.inputs)))

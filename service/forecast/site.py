@@ -33,11 +33,9 @@ def neighbourhood(asked: Sequence[ZoneView], zones: Mapping[str, ZoneView]) -> l
 
 
 async def forecasts(request: ForecastRequest, plan: Plan) -> list[Fan | ServiceError | None]:
-    """The forecast of each zone of the request under `plan`, one of its plans, with the zones around simulated.
-
-    None for a zone that has no forecast now; an error for one that cannot be reached (Away), has no scenarios (NoModel)
-    or no law for planned set-points (NoLaw). The others have their forecasts all the same.
-    """
+    """The forecast of each zone of the request under `plan`, one of its plans, with the zones around simulated. None
+    for a zone that has no forecast now; an error for one that cannot be reached (Away), has no scenarios (NoModel) or
+    no law for planned set-points (NoLaw)."""
     fine = detail([steps_of(request, view) + 1 for view in request.zones] * len(request.plans))
     questions = {view.id: _question(request, plan, view, fine) for view in (*request.zones, *request.around)}
     # Other clients' questions come in between: no request fills the threads' queue.

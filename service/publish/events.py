@@ -1,9 +1,6 @@
-"""Live events of the zones for the clients of REST that keep a connection open (server-sent events).
-
-Every client has room for the newest event of each kind, or, where it watches all zones, for the names of those with
-news: a client that reads too slowly misses events that a newer one has overtaken, and holds no memory. An event is
-written once for all clients of its zone.
-"""
+"""Live events of the zones for clients that keep a connection open (server-sent events), written once for all of a
+zone. Every client has room for the newest event of each kind, or, where it watches all zones, for the names of those
+with news: one that reads too slowly misses events and holds no memory."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable, Iterator

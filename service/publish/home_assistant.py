@@ -1,7 +1,5 @@
-"""What Home Assistant is told so that every zone appears there as a device: MQTT discovery. Pure.
-
-The entities are those of `home_assistant.toml`; here is which of them a zone has, and what is filled in.
-"""
+"""What Home Assistant is told so that every zone appears there as a device (MQTT discovery): which of the entities of
+`home_assistant.toml` a zone has, and what is filled in."""
 
 import json
 import re
@@ -40,11 +38,9 @@ def discovery(
     page: str | None = None,
     language: str = LANGUAGES[0],
 ) -> dict[str, bytes]:
-    """The configuration topics under `prefix` of the entities of a zone, with their documents.
-
-    `topics` is what the topics of the zone begin with, `available` where "online" and "offline" are told, `page` the
-    address of the page for people, and `language` that of the names; ids are the same in every language.
-    """
+    """The configuration topics under `prefix` of the entities of a zone, with their documents. `topics` is what the
+    topics of the zone begin with, `available` where "online" and "offline" are told, `page` the address of the page for
+    people, and `language` that of the names, but not of the ids."""
     zone, say = announcement.zone, sayer(language, (), _NAMED)
     identity = f"thermogate_{site}_{zone}"
     common = {

@@ -1,9 +1,6 @@
-"""What zones announce as InfluxDB line protocol, posted to a database or added to a file.
-
-A topic is the measurement `thermogate_<topic>`, and its fields are those of its JSON; what is a list there, such as the
-outputs, is a measurement of its own, `thermogate_forecast_outputs`. Nothing here waits for the database: documents wait
-for it in a thread of their own, MOST_WAITING bytes of them, and beyond that the oldest are dropped.
-"""
+"""What zones announce as InfluxDB line protocol, posted to a database or added to a file. A topic is the measurement
+`thermogate_<topic>` with the fields of its JSON; a list there is one of its own, `thermogate_forecast_outputs`.
+Documents wait in a thread of their own, MOST_WAITING bytes of them; beyond that the oldest are dropped."""
 
 import json
 import logging

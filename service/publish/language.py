@@ -1,8 +1,5 @@
-"""What the daemon says, in another language: found by its English in the page's `said-<language>.json`.
-
-An entry is a sentence with {gaps} for numbers and names; a gap in capitals holds other such sentences, one with a
-capital a part of one, and {{ is a brace. What is not found, and names, stay as they are.
-"""
+"""What the daemon says, in another language: found by its English in the page's `said-<language>.json`. An entry has
+{gaps} for numbers and names, in capitals for other such sentences, with a capital for parts of one; {{ is a brace."""
 
 import json
 import re

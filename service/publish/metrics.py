@@ -1,9 +1,5 @@
-"""Metrics for Prometheus, in a registry of their own.
-
-What happens is counted here by the one who sees it (`publish`, ...). What there is at the moment of a scrape is read
-then: the figures of every zone, which `metrics.toml` describes, and each `service.records.measures.Measure` that its
-owner offers to `Metrics.register`.
-"""
+"""Metrics for Prometheus: what happens is counted here, and the figures of every zone in `metrics.toml`, and each
+Measure that its owner registers, are read at the moment of a scrape."""
 
 import platform
 import threading

@@ -1,10 +1,6 @@
-"""Forecasts, volatility, gate, gain, skill, trust and status of every zone on a broker, for Home Assistant too.
-
-Each zone has the topics `thermogate/<site>/<zone>/{forecast,volatility,...}`. All are retained, so that who comes later
-has the newest at once; `thermogate/<site>/availability` is "online" while the daemon is connected, and the broker turns
-it to "offline" when the connection is lost. Nothing here waits for the broker: the newest message of each topic waits,
-and nothing else.
-"""
+"""What every zone announces on a broker, for Home Assistant too: topics
+`thermogate/<site>/<zone>/{forecast,volatility,...}`, all retained, and `thermogate/<site>/availability`, which the
+broker turns to "offline" when the connection is lost. Only the newest message of each topic waits for the broker."""
 
 import asyncio
 import logging

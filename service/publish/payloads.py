@@ -1,11 +1,9 @@
 """What a zone tells on REST, Zenoh and MQTT alike, as records made from its updates and its status."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
 import numpy as np
 
@@ -61,7 +59,7 @@ class AlphaPayload(BlockPayload):
     blocks: tuple[BlockPayload, ...]
 
     @classmethod
-    def of(cls, update: Update) -> AlphaPayload | None:
+    def of(cls, update: Update) -> Self | None:
         """The volatility in `update`; None where the estimator has none."""
         blocks = tuple(map(BlockPayload, *update.volatility))
         return cls(*(*values(blocks[0]), ALPHA_LEVELS, blocks)) if blocks else None
@@ -91,7 +89,7 @@ class ForecastPayload:
     suspected: tuple[str, ...] = shown(_SUSPECTED)
 
     @classmethod
-    def of(cls, update: Update, outputs: tuple[OutputForecast, ...] = ()) -> ForecastPayload:
+    def of(cls, update: Update, outputs: tuple[OutputForecast, ...] = ()) -> Self:
         """The forecast that `update` issued; `outputs` have other intervals than the published ones."""
         return cls(*_standing(update, outputs or update.forecast.outputs))
 
@@ -114,7 +112,7 @@ class FanPayload(ForecastPayload):
     fan: tuple[FanStepPayload, ...] = shown("the first step is the standing one-step forecast")
 
     @classmethod
-    def of_steps(cls, fan: Fan, planned: Iterable[str] = ()) -> FanPayload:
+    def of_steps(cls, fan: Fan, planned: Iterable[str] = ()) -> Self:
         """All steps of `fan`; `planned` names the channels that followed a plan."""
         forecast, each = fan.update.forecast, steps(fan)
         period = forecast.valid_time - forecast.sample_time
@@ -147,7 +145,7 @@ class AheadOutputPayload:
     upper: Vector
 
     @classmethod
-    def of(cls, one: CompactOutputPayload, sample_time: int, period: float) -> AheadOutputPayload:
+    def of(cls, one: CompactOutputPayload, sample_time: int, period: float) -> Self:
         """The hours ahead of `one`, an output of a fan with a single level, of a zone with this `period` [s]."""
 
         columns = np.array([one.mean, one.sd, one.lower[0], one.upper[0]])
@@ -187,9 +185,7 @@ class AheadPayload:
     )
 
     @classmethod
-    def of(
-        cls, fan: Fan, status: ZoneStatus, limits: Limits, heating: NextHeatingPayload | None = None
-    ) -> AheadPayload:
+    def of(cls, fan: Fan, status: ZoneStatus, limits: Limits, heating: NextHeatingPayload | None = None) -> Self:
         """What `fan`, with a single level, says of the zone in `status`."""
         forecast = fan.update.forecast
         period = forecast.valid_time - forecast.sample_time
@@ -221,7 +217,7 @@ class VolatilityPayload:
     volatility: AlphaPayload | None = shown(_VOLATILITY)
 
     @classmethod
-    def of(cls, update: Update) -> VolatilityPayload:
+    def of(cls, update: Update) -> Self:
         """The volatility in `update`."""
         return cls(update.time, update.forecast.issue_time, AlphaPayload.of(update))
 
@@ -241,7 +237,7 @@ class GatePayload:
     log_likelihood: Number = shown("log p(y_k | y_1:k-1); null when nothing was assimilated")
 
     @classmethod
-    def of(cls, update: Update) -> GatePayload:
+    def of(cls, update: Update) -> Self:
         """The learning gate in `update`."""
         value, regime = update.shown_gate
         seen = update.shown_sample_size, update.resampled
@@ -274,7 +270,7 @@ class GainPayload:
     measurement_sd: tuple[NoisePayload, ...]
 
     @classmethod
-    def of(cls, update: Update) -> GainPayload | None:
+    def of(cls, update: Update) -> Self | None:
         """What `update` knows of what nobody measures; None where the estimator has no model of it."""
         known, forecast = update.disturbance, update.forecast
         if known is None:
@@ -295,7 +291,7 @@ class ChannelStatus:
     writer: str | None = shown("the source, or the key that posted the newest reading; null: none since the start")
 
     @classmethod
-    def of(cls, channel: str, status: ZoneStatus) -> ChannelStatus:
+    def of(cls, channel: str, status: ZoneStatus) -> Self:
         """The last good reading of `channel` of the zone with `status`."""
         when, last, writer = status.last_good.get(channel), status.last_sample_time, status.writers.get(channel)
         if when is None:
@@ -322,7 +318,7 @@ class StatusPayload:
     findings: tuple[Finding, ...] = shown("what the zone's model does not know")
 
     @classmethod
-    def of(cls, status: ZoneStatus, update: Update | None) -> StatusPayload:
+    def of(cls, status: ZoneStatus, update: Update | None) -> Self:
         """How the zone with `status` is doing, with what became of its last sample, `update`."""
         last = status.last_sample_time
         return cls(

@@ -1,11 +1,9 @@
 """What a zone announces, rendered once for everyone, and the sinks that it goes to."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from adapters.fields.logins import LoginConfig
 from service.errors import ServiceError
@@ -51,7 +49,7 @@ class Reports(NamedTuple):
     trust: Trust | None = None
     ahead: AheadPayload | None = None
 
-    def beside(self, before: Reports) -> Reports:
+    def beside(self, before: Self) -> Self:
         """These, and those of `before` of which there is no news."""
         return before._replace(**{name: report for name, report in self._asdict().items() if report is not None})
 

@@ -1,13 +1,7 @@
-"""Forecasts, volatility, gate, trust and status of every zone on Zenoh.
-
-The daemon owns one session that listens and connects only where the configuration says. Each zone has the keys
-`thermogate/<site>/<zone>/{forecast,volatility,...}`, whose last value also answers queries, a liveliness token
-`.../alive`, and keys that only answer queries: QUESTIONS, as REST does. Who connects may read these and do nothing
-else, neither towards the daemon nor through it to others. Nothing here waits for a subscriber: where the network is
-congested, messages are dropped.
-"""
-
-from __future__ import annotations
+"""What every zone announces on Zenoh, in one session: the keys `thermogate/<site>/<zone>/{forecast,volatility,...}`,
+whose last value also answers queries, a liveliness token `.../alive`, and keys that only answer QUESTIONS, as REST
+does. Who connects may read these and do nothing else, neither towards the daemon nor through it to others. Where the
+network is congested, messages are dropped."""
 
 import json
 import logging
@@ -106,7 +100,7 @@ class Publisher(Sink):
         self._waiting = BoundedSemaphore(MOST_QUESTIONS)
 
     @classmethod
-    def open(cls, table: ZenohConfig, site: str) -> Publisher:
+    def open(cls, table: ZenohConfig, site: str) -> Self:
         """Open the session, in which everyone who can connect may read what `site` publishes, and do nothing else;
         ServiceError if an address is taken, no router can be reached or none takes us."""
         try:

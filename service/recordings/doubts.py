@@ -1,7 +1,5 @@
-"""What looks wrong with telemetry before anything is learned from it: units, swaps, values that never move.
-
-One function for `check`, `learn` and `tg.fit`, which write the remedy in different places.
-"""
+"""What looks wrong with telemetry before anything is learned from it, for `check`, `learn` and `tg.fit`, which write
+the remedy in different places."""
 
 from collections.abc import Callable, Iterator
 from typing import NamedTuple

@@ -12,12 +12,9 @@ from service.errors import ServiceError
 async def recorded(
     config: Config, zones: Collection[str], start: float | None, end: float | None
 ) -> AsyncIterator[Delivery]:
-    """Deliver the recordings that feed `zones`, from UTC time `start` up to `end`, without any pacing. At the end of a
-    source its clock is infinite.
-
-    The source whose clock is furthest behind always comes next, so that no zone's intervals wait long for another
-    source. Raises ServiceError where a source is live, or a recording cannot be read.
-    """
+    """Deliver the recordings that feed `zones`, from UTC time `start` up to `end`, unpaced, that whose clock is
+    furthest behind first; at the end of a source its clock is infinite. Raises ServiceError where a source is live, or
+    a recording cannot be read."""
     needed = {table.source for zone in config.zones if zone.id in zones for table in zone.delivered.values()}
     for name, table in config.sources.items():
         if name in needed and config.is_live(name):

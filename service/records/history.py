@@ -1,9 +1,7 @@
 """A row of a zone's history."""
 
-from __future__ import annotations
-
 import math
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from service.records.record import Number, Time, constant, names, record, shown
 from service.records.update import Update
@@ -37,7 +35,7 @@ class HistoryRow:
     setpoint: Number = shown("set-point, degC; null where none was told")
 
     @classmethod
-    def of(cls, update: Update) -> HistoryRow:
+    def of(cls, update: Update) -> Self:
         """The row of `update`."""
         score, volatility = update.score, update.volatility
         scored, alpha = (math.nan,) * 5, (math.nan,) * 4

@@ -1,16 +1,10 @@
-"""Figures that are read at the moment of a scrape, offered by whoever owns them.
-
-An owner (the store, the sources, the zones) has a function `..._measures` that returns a list of `Measure`s;
-`service.daemon.instruments` registers them all.
-"""
-
-from __future__ import annotations
+"""Figures that are read at the moment of a scrape, offered by whoever owns them: the store, the sources, the zones."""
 
 import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
@@ -21,10 +15,8 @@ Rows = Iterable[tuple[tuple[str, ...], float]]
 
 @dataclass(frozen=True)
 class Measure(Collector):
-    """A metric without a memory of its own. `read` is called at a scrape, from any thread, and must not wait.
-
-    `name` is without the `_total` of a counter; its unit, if it has one, ends it, as Prometheus has it.
-    """
+    """A metric without a memory of its own, called `name` without the `_total` of a counter. `read` is called at a
+    scrape, from any thread, and must not wait."""
 
     name: str
     kind: Literal["gauge", "counter"]
@@ -33,7 +25,7 @@ class Measure(Collector):
     read: Callable[[], Rows]
 
     @classmethod
-    def called(cls, name: str, read: Callable[[], Rows]) -> Measure:
+    def called(cls, name: str, read: Callable[[], Rows]) -> Self:
         """The one that `measures.toml` describes under this name."""
         kind, text, *labels = _DESCRIBED[name]
         return cls(name, kind, text, tuple(labels), read)

@@ -1,9 +1,7 @@
 """What became of readings that somebody gave a zone, or posted, and waits to hear of."""
 
-from __future__ import annotations
-
 from collections import Counter
-from typing import Annotated
+from typing import Annotated, Self
 
 from pydantic import PlainSerializer, WithJsonSchema
 
@@ -28,7 +26,7 @@ class Receipt:
     unknown: int = shown("values that no channel asks for", default=0)
     unknown_names: tuple[str, ...] = shown("what some of these are called", default=())
 
-    def plus(self, other: Receipt) -> Receipt:
+    def plus(self, other: Self) -> "Receipt":
         """Both together, of what channels ask for."""
         return Receipt(
             self.accepted + other.accepted,

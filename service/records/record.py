@@ -1,8 +1,5 @@
-"""Records: what moves between the rooms and leaves the daemon. Frozen dataclasses that are their own JSON and schema.
-
-A field says what it means with `shown`, and what it is called in JSON where that is another name. What is not a finite
-number is null; other numbers are written in full, so that reading one back gives the very same float64.
-"""
+"""Records: frozen dataclasses that are their own JSON and schema, fields described by `shown`. What is not a finite
+number is null; other numbers are written in full, so that reading one back gives the very same float64."""
 
 from __future__ import annotations
 

@@ -1,9 +1,7 @@
 """A sample: one closed interval of a zone's grid."""
 
-from __future__ import annotations
-
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +27,7 @@ class Sample(NamedTuple):
     setpoint: float = math.nan
 
     @classmethod
-    def measured(cls, time: int, outputs: Array, inputs: Array) -> Sample:
+    def measured(cls, time: int, outputs: Array, inputs: Array) -> Self:
         """A sample of which every reading is good."""
         good = (Quality.GOOD,)
         return cls(time, outputs, inputs, good * len(outputs), good * len(inputs))

@@ -1,9 +1,7 @@
 """How a zone is doing."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from estimator.diagnosis.finding import Diagnosis
 from service.records.trust import Trust, untrusted
@@ -52,7 +50,7 @@ class ZoneState(NamedTuple):
     """How far its forecasts can be relied on."""
 
     @classmethod
-    def of(cls, status: ZoneStatus, update: Update | None, trust: Trust) -> ZoneState:
+    def of(cls, status: ZoneStatus, update: Update | None, trust: Trust) -> Self:
         """The same with `trust` by its worker, which does not know of what keeps a zone from vouching for anything."""
         if status.state in ("stalled", "failed"):
             trust = untrusted(trust, f"the zone is {status.state}: {status.reason}")

@@ -1,7 +1,4 @@
-"""Records as checkpoints hold them: lists of their values, in the order in which their constructors take them.
-
-So did every version before; the names in JSON, and what JSON leaves out, are another matter.
-"""
+"""Records as checkpoints hold them: lists of their values, in the order in which their constructors take them."""
 
 import inspect
 from collections.abc import Mapping

@@ -53,9 +53,7 @@ class Forecast(NamedTuple):
 
 class Volatility(NamedTuple):
     """Alpha after an update: (block, .025, .5, .975 quantile) as parallel tuples, and where its median stands (F_k).
-
-    Empty where the estimator has no volatility.
-    """
+    Empty where the estimator has no volatility."""
 
     blocks: tuple[str, ...]
     lower: tuple[float, ...]
@@ -100,11 +98,8 @@ class Disturbance(NamedTuple):
 
 
 class Update(NamedTuple):
-    """What one sample brought: the score of its forecast, the posterior summary and the next forecast.
-
-    `score` is None where no forecast stood. `outcome` is an `estimator.types.Outcome` value, or "started" for the first
-    sample of a segment.
-    """
+    """What one sample brought. `score` is None where no forecast stood; `outcome` is an `estimator.types.Outcome`
+    value, or "started" for the first sample of a segment."""
 
     time: int
     segment: int

@@ -1,9 +1,6 @@
-"""The audit trail: refusals, starvation, deletions, writers and administrative acts, one JSON object a line.
-
-Every line ends with its `link`, the SHA-256 of the link before it and of the rest of the line: what is changed, removed
-or damaged later does not fit. Daemon and commands append to one file in the state folder, which is exchanged for an
-empty one when it is large.
-"""
+"""The audit trail: one JSON object a line, each with a `link`, the SHA-256 of the link before it and of the rest of the
+line, which tells what is changed, removed or damaged later. Daemon and commands append to one file in the state folder,
+which is exchanged for an empty one when it is large."""
 
 import fcntl
 import hashlib

@@ -1,10 +1,6 @@
-"""Backups of a state folder, made while the daemon runs, and put back while it does not.
-
-A backup is one tar file: `manifest.json` with the size and SHA-256 of everything else, the journal as SQLite's online
-backup gives it, the newest valid checkpoint of every zone, and the configuration that the daemon keeps in the folder.
-The checkpoints are taken before the journal, so the journal has every sample after them, and the zones go on bit for
-bit from the moment at which the journal was taken.
-"""
+"""Backups of a state folder, made while the daemon runs, and put back while it does not: a tar file of `manifest.json`
+with the size and SHA-256 of everything else, the newest valid checkpoint of every zone, the journal, and the kept
+configuration. The checkpoints are taken first, so that the journal has every sample after them."""
 
 import hashlib
 import os
@@ -88,12 +84,9 @@ class Backup(NamedTuple):
 
 
 def write_backup(state_dir: Path, site: str, out: Path, sign_with: Path | None = None) -> Backup:
-    """Write a backup of `state_dir` to the file `out`, or to a new file in the folder `out`; whole or not at all.
-
-    It is signed with the private key in the file `sign_with`, if there is one.
-
-    Raises BackupError where there is nothing to back up, `out` is there already, or cannot be written.
-    """
+    """Write a backup of `state_dir` to the file `out`, or to a new file in the folder `out`, whole or not at all,
+    signed with the private key in the file `sign_with`, if there is one. Raises BackupError where there is nothing to
+    back up, `out` is there already, or cannot be written."""
     made = datetime.now(UTC).replace(microsecond=0)
     target = out / f"thermogate-{site}-{made:%Y%m%dT%H%M%SZ}.tar" if out.is_dir() else out
     if target is out and out.suffix != ".tar":
@@ -138,11 +131,9 @@ def write_backup(state_dir: Path, site: str, out: Path, sign_with: Path | None =
 def restore_backup(
     state_dir: Path, site: str, backup: Path, replace: bool, signed_by: Path | None = None
 ) -> tuple[Backup, Path | None]:
-    """Put `backup` in the place of what is in `state_dir`, which is set aside in the folder that is returned.
-
-    The daemon must be stopped. Raises BackupError where the backup is damaged, of another site, or not `signed_by` the
-    key whose public part is in that file, and where there is state already unless `replace`; then nothing has changed.
-    """
+    """Put `backup` in the place of what is in `state_dir`, which is set aside in the folder that is returned. Raises
+    BackupError where a daemon runs, the backup is damaged, of another site, or not `signed_by` the key whose public
+    part is in that file, and where there is state already unless `replace`; then nothing has changed."""
     told = f"the backup {backup} cannot be restored into {state_dir}"
     # With the rights of the folder's owner, to whom the key need not be readable, it would be too late.
     public = None if signed_by is None else public_key(signed_by)

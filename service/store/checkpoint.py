@@ -1,10 +1,6 @@
-"""Checkpoints: the state of a zone on disk, whole or not at all.
-
-One uncompressed NumPy `.npz` per checkpoint, `<directory>/<zone>/<step>.npz`, never pickle. It is written to a
-temporary file, fsynced, renamed, and its directory fsynced, so that a crash leaves either the old set or the new one.
-Beside the arrays it holds a header (format version, fingerprint, step, meta, and what `thermogate inspect` tells of it)
-and a digest over all of them.
-"""
+"""Checkpoints: the state of a zone on disk, whole or not at all, as one uncompressed NumPy `.npz`, never pickle:
+`<directory>/<zone>/<step>.npz`. Beside the arrays it holds a header (format version, fingerprint, step, meta, and what
+`thermogate inspect` tells of it) and a digest over all of them."""
 
 import hashlib
 import io
@@ -57,12 +53,9 @@ _log = logging.getLogger(__name__)
 
 
 class Checkpoint(NamedTuple):
-    """The state of a zone after the sample at `step`, in UTC seconds.
-
-    `fingerprint` identifies the network and structural options it belongs to; `arrays` are the estimator's, of any
-    dtype but object; `meta` is what JSON can hold. `about` describes it to people, and nothing depends on it. `zone` is
-    whose it is; a model file is of none.
-    """
+    """The state of a zone after the sample at `step`, in UTC seconds. `fingerprint` identifies the network and
+    structural options it belongs to; `arrays` are the estimator's, of any dtype but object; `meta` is what JSON can
+    hold; `about` describes it to people. `zone` is whose it is; a model file is of none."""
 
     fingerprint: str
     step: int
@@ -138,11 +131,8 @@ class Checkpoints(ABC):
         return None
 
     def load(self, zone: str, fingerprint: str) -> Checkpoint | None:
-        """The newest sound checkpoint of `zone`, None if there is none.
-
-        A damaged one is set aside, which the log says, and the one before it is used. StateMismatch if the sound one
-        has another `fingerprint`; CheckpointError if a newer Thermogate wrote it.
-        """
+        """The newest sound checkpoint of `zone`, None if there is none; damaged ones are set aside, which the log says.
+        StateMismatch if it has another `fingerprint`; CheckpointError if a newer Thermogate wrote it."""
         for found in self.found(zone):
             if isinstance(found.damage, CheckpointError):
                 raise found.damage

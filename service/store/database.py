@@ -62,11 +62,8 @@ class Database(ABC):
 
     @abstractmethod
     def transaction(self, work: Callable[[Cursor], Result]) -> Result:
-        """What `work` returns, with all of what it wrote durable, or nothing of it.
-
-        `work` may be called several times, the last time after a commit whose end is not known: it has to look what is
-        there already.
-        """
+        """What `work` returns, with all of what it wrote durable, or nothing of it. It may be called several times, the
+        last time after a commit whose end is not known, and has to look what is there already."""
 
     @abstractmethod
     def size(self) -> int:

@@ -14,10 +14,8 @@ TEMPORARY = ".tmp"
 
 
 def make_folder(folder: Path) -> None:
-    """Make `folder` and what is missing above it, durably; OSError where that fails.
-
-    Only the owner can look in: what a daemon knows of a home tells when people are there.
-    """
+    """Make `folder` and what is missing above it, durably, for its owner alone: what is in it tells when people are at
+    home. OSError where that fails."""
     if folder.is_dir():
         return
     make_folder(folder.parent)

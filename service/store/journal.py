@@ -1,11 +1,6 @@
-"""The journal: every accepted sample, durable before it is assimilated, and the history that REST serves.
-
-One body of SQL for SQLite, in a file of the state directory, and for PostgreSQL. Samples are stored as little-endian
-float64 blobs, so a replay sees the very bits that the worker saw, NaN included; history columns are plain numbers (NaN
-is NULL), so that `sqlite3` on the command line can read them.
-"""
-
-from __future__ import annotations
+"""The journal: every accepted sample, durable before it is assimilated, and the history that REST serves, in SQLite or
+PostgreSQL. Samples are little-endian float64 blobs, so that a replay sees the very bits that the worker saw, NaN
+included; history columns are plain numbers (NaN is NULL) for `sqlite3` on the command line."""
 
 import logging
 import struct
@@ -15,7 +10,7 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from math import inf
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -94,7 +89,7 @@ class Journal:
         self._reader = HistoryReader(database.place)
 
     @classmethod
-    def open(cls, path: Path) -> Journal:
+    def open(cls, path: Path) -> Self:
         """The journal in the SQLite file at `path`, made with its folder; other files and schemas are refused."""
         return cls(JournalFile.open(path))
 
@@ -157,10 +152,8 @@ class Journal:
         self._write((), lambda cursor: None)
 
     def kept(self, zone: str, since: float, until: float = inf) -> list[Reading]:
-        """The readings of `zone` that were kept, with `since` <= time <= `until` (UTC s), oldest first.
-
-        A damaged one is left out, which the log says.
-        """
+        """The readings of `zone` that were kept, with `since` <= time <= `until` (UTC s), oldest first; the log says
+        which are damaged and left out."""
         query = (
             "SELECT zone, time, channel, value, quality, checksum FROM readings "
             "WHERE zone = ? AND time BETWEEN ? AND ? ORDER BY time, channel"
@@ -184,10 +177,8 @@ class Journal:
         self._write([zone], work)
 
     def forget(self, zone: str) -> None:
-        """Set aside all of `zone` under a name that no zone can have.
-
-        Until `forgot`, `is_forgotten` tells that what else there is of the zone has to go too.
-        """
+        """Set aside all of `zone` under a name that no zone can have. Until `forgot`, `is_forgotten` tells that what
+        else there is of it has to go too."""
 
         def work(cursor: Cursor) -> None:
             aside = _aside(zone)
@@ -277,11 +268,8 @@ class Journal:
             self.database.close()
 
     def samples_after(self, zone: str, time: int | None) -> Iterator[Sample]:
-        """The samples of `zone` later than `time` (None: all), in order, without the skipped ones.
-
-        A skipped sample is left out, as if its interval had brought nothing. Writing between two items is allowed.
-        JournalError where a sample is damaged or missing in the middle.
-        """
+        """The samples of `zone` later than `time` (None: all), in order, without the skipped ones. Writing between two
+        items is allowed. JournalError where a sample is damaged or missing in the middle."""
         after = _EARLIEST if time is None else time
         query = (
             "SELECT time, outputs, inputs, output_quality, input_quality, setpoint, link, skipped FROM samples "  # noqa: S608
@@ -329,10 +317,8 @@ class Journal:
         return rows[0][0] if rows else None
 
     def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
-        """The newest `limit` rows with `start` <= time < `end` (None: open), oldest first.
-
-        A damaged row is left out, which the log says once.
-        """
+        """The newest `limit` rows with `start` <= time < `end` (None: open), oldest first, without damaged ones, of
+        which the log tells."""
         self._show(zone)
         bounds = (_EARLIEST if start is None else start, 2**62 if end is None else end)
         query = (
@@ -349,10 +335,8 @@ class Journal:
         return *self._reader.table(zone, rows), following
 
     def input_columns(self, zone: str, start: int, end: int, every: int, width: int) -> Columns:
-        """The same for the `width` inputs of accepted samples.
-
-        A damaged sample is left out as far as its length shows it: only a start, which assimilates, checks the chain.
-        """
+        """The same for the `width` inputs of accepted samples, without those whose length shows damage: only a start
+        checks the chain."""
         rows, following = self._page(f"SELECT time, inputs FROM samples {_CHART}", zone, start, end, every)  # noqa: S608
         whole = [(time, blob) for time, blob in rows if isinstance(blob, bytes) and len(blob) == 8 * width]
         times = np.array([time for time, _ in whole], dtype=np.int64)

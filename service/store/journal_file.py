@@ -1,7 +1,5 @@
 """The journal's file: how it is opened, written and shrunk by SQLite, and how its errors are told."""
 
-from __future__ import annotations
-
 import logging
 import os
 import sqlite3
@@ -9,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from service.errors import JournalError
 from service.store.database import SCHEMA, Cursor, Database, Result, other_version
@@ -38,7 +36,7 @@ class JournalFile(Database):
         self._watched: dict[Path, tuple[int, int] | None] = {}
 
     @classmethod
-    def open(cls, path: Path) -> JournalFile:
+    def open(cls, path: Path) -> Self:
         """The file at `path`, which is created with its folder; other files and schemas are refused."""
         try:
             make_folder(path.parent)
@@ -124,11 +122,8 @@ class _Cursor:
         return self._cursor.execute(query, values)
 
     def insert(self, into: str, rows: Sequence[tuple[object, ...]], otherwise: str = "") -> None:
-        """Insert `rows`.
-
-        Many rows go into one statement: after every statement the interpreter lock has to be won back from threads that
-        compute, which for a thousand zones would take longer than the writing.
-        """
+        """Insert many rows by one statement: after every one the interpreter lock has to be won back from threads that
+        compute, which for a thousand zones would take longer than the writing."""
         for first in range(0, len(rows), _ROWS_AT_ONCE):
             part = rows[first : first + _ROWS_AT_ONCE]
             places = ", ".join([f"({', '.join('?' * len(part[0]))})"] * len(part))

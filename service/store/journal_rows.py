@@ -1,9 +1,6 @@
-"""Rows of the journal: what a sample and an update are in a database, and the checksums that tell damage.
-
-SQLite does not notice a flipped bit in a value. So the row of a sample ends with a link, the CRC-32 over the row that
-is begun with the link of the sample before it: neither a changed row nor a missing one in the middle passes. A history
-row has a CRC-32 of its own. Set-point and gain enter a checksum only where they have a value.
-"""
+"""Rows of the journal, and the checksums that tell damage. The row of a sample ends with a link, the CRC-32 over the
+row that is begun with the link of the sample before it: neither a changed row nor a missing one in the middle passes. A
+history row has a CRC-32 of its own. Set-point and gain enter a checksum only where they have a value."""
 
 import logging
 import math
@@ -65,10 +62,8 @@ def sample_row(zone: str, sample: Sample, previous: int) -> SampleRow:
 
 
 def linked_sample(row: Accepted, link: int | None, previous: int) -> Sample:
-    """The sample of a row with `link` after one with the link `previous`.
-
-    ValueError, TypeError or struct.error if it is damaged.
-    """
+    """The sample of a row with `link` after one with the link `previous`; ValueError, TypeError or struct.error if it
+    is damaged."""
     if link != link_of(previous, row):
         raise ValueError("it does not match its checksum, or the one before it is missing")
     outputs, inputs = (np.frombuffer(blob, dtype="<f8").astype(np.float64) for blob in row[2:4])

@@ -1,8 +1,5 @@
-"""A store over a journal and checkpoints: what is the same for SQLite and PostgreSQL.
-
-Both do blocking work, so every call hops off the event loop: the journal to a thread of its own, checkpoints to the
-caller's pool.
-"""
+"""A store over a journal and checkpoints, for SQLite and PostgreSQL: every call hops off the event loop, to a thread of
+the journal's own or to the caller's pool."""
 
 import asyncio
 import logging
@@ -35,11 +32,8 @@ _log = logging.getLogger(__name__)
 
 
 class JournalStore(ABC):
-    """`journal` and `checkpoints` behind the event loop; `place` says in messages where they are.
-
-    What only the journal knows or does is asked for with `run`. Every method may raise ServiceError with the place and
-    the remedy.
-    """
+    """`journal`, asked with `run`, and `checkpoints` behind the event loop; `place` says in messages where they are.
+    Every method may raise ServiceError with the place and the remedy."""
 
     prune_seconds = 60.0
     """How often the journal is looked through for what its limits no longer allow."""
@@ -76,11 +70,8 @@ class JournalStore(ABC):
             raise StateMismatch(zone, self._place, self.journal.database.reset)
 
     async def append(self, zone: str, sample: Sample) -> None:
-        """Make an accepted sample durable, unless it already is.
-
-        Samples that come while another commit is under way share the next one: a thousand zones whose samples land
-        at once need a few commits, not a thousand.
-        """
+        """Make an accepted sample durable, unless it already is. Samples that come while another commit is under way
+        share the next one: a thousand zones need a few commits."""
         self._accepted.append((zone, sample))
         await self._committed(zone)
 
@@ -109,10 +100,8 @@ class JournalStore(ABC):
         await self.run(self.journal.forgot, zone)
 
     async def resume_after(self, zone: str, checkpoint: int | None) -> int | None:
-        """The time that telemetry of a restored `zone` goes on after; `checkpoint` is that of the one it was given.
-
-        Says in the log where journal and checkpoint do not follow each other, which only a damaged disk brings about.
-        """
+        """The time that telemetry of a restored `zone` goes on after; `checkpoint` is that of the one it was given. The
+        log tells where journal and checkpoint do not follow each other, as on a damaged disk."""
         last = await self.run(self.journal.last_sample_time, zone)
         pruned = await self.run(self.journal.pruned_until, zone)
         if checkpoint is not None and (last is None or last < checkpoint):
@@ -133,12 +122,9 @@ class JournalStore(ABC):
         return last
 
     async def set_back(self, zone: str, before: Checkpoint | None, then: Checkpoint | None, after: int) -> None:
-        """Set aside what there is of `zone` later than `after`. `before` is its present state, `then` the one with
-        which it goes on.
-
-        A crash at any moment leaves `before`, which nothing follows in the journal, or the end: so the zone can be set
-        back once more with the same result.
-        """
+        """Set aside what there is of `zone` later than `after`; `before` is its present state, `then` the one with
+        which it goes on. A crash at any moment leaves `before` or the end, so that the zone can be set back once
+        more."""
         for checkpoint in (before, then):
             if checkpoint is not None:
                 await asyncio.to_thread(self.checkpoints.save, zone, checkpoint, keep_all=True)

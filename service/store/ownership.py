@@ -15,11 +15,9 @@ from service.errors import ServiceError
 
 @contextmanager
 def as_owner_of(folder: Path) -> Iterator[Path]:
-    """Act with the rights of the account that owns `folder`, if this is root: no link in it then leads to what that
-    account may not reach itself, and what is made belongs to it. For anybody else nothing changes.
-
-    Gives the path by which to reach the folder meanwhile, since the account may not pass the folders above it.
-    """
+    """Act, if this is root, with the rights of the account that owns `folder`: no link in it then leads to what that
+    account may not reach itself, and what is made belongs to it. Gives the path by which to reach the folder meanwhile,
+    since the account may not pass the folders above it."""
     owner = folder.stat()
     if not _is_foreign(owner):
         yield folder
@@ -61,10 +59,8 @@ def _is_foreign(folder: os.stat_result) -> bool:
 
 
 def others_can_change(folder: os.stat_result, trusted: Collection[int]) -> bool:
-    """Whether an account beside the `trusted` ones (user ids) can put files into `folder`, or others in their place.
-
-    The groups of this process are trusted, and a folder such as /tmp, where each account replaces its own files alone.
-    """
+    """Whether an account beside the `trusted` ones (user ids) and the groups of this process can change files in
+    `folder`, which in one such as /tmp each account does with its own alone."""
     own_group = folder.st_gid in (os.getegid(), *os.getgroups())
     writable = folder.st_mode & (stat.S_IWOTH if own_group else stat.S_IWGRP | stat.S_IWOTH)
     return bool(writable and not folder.st_mode & stat.S_ISVTX) or folder.st_uid not in trusted
@@ -86,13 +82,10 @@ def open_plain(path: Path, flags: int = os.O_RDONLY) -> int:
 
 @contextmanager
 def database(path: Path, *, alone: bool = False) -> Iterator[sqlite3.Connection]:
-    """A connection that only reads the SQLite file at `path`; OSError for a link.
-
-    A journal of another account may be made to do harm: what a file beside it asks for in the name of an interrupted
-    transaction, down to deleting any other file, is done on a connection that writes. Nor is such a file looked at
-    where the database is `alone`, which nobody writes to. And SQLite follows links, of which there may be one by the
-    time that it opens the file. So what it has opened is compared.
-    """
+    """A connection that only reads the SQLite file at `path`; OSError for a link. A journal of another account may be
+    made to do harm: what a file beside it asks for, down to deleting any other file, is done on a connection that
+    writes. Nor is such a file looked at where the database is `alone`, which nobody writes to. SQLite follows links, so
+    what it has opened is compared."""
     expected = path.lstat()
     if not stat.S_ISREG(expected.st_mode):
         raise _no_plain_file(path)

@@ -17,10 +17,8 @@ _log = logging.getLogger(__name__)
 
 
 class StoredState:
-    """Journal and checkpoints of a site, wherever they are kept. Nothing is written, locked or set aside.
-
-    No transaction is held between two reads: the daemon's write-ahead log would grow for as long.
-    """
+    """Journal and checkpoints of a site, only read; no transaction is held between two reads, for which the daemon's
+    log would grow."""
 
     def __init__(self, journal: Journal, checkpoints: Checkpoints) -> None:
         self.journal = journal
@@ -35,10 +33,8 @@ class StoredState:
 
 @contextmanager
 def read_state(state_dir: Path) -> Iterator[StoredState]:
-    """The state in `state_dir`.
-
-    ServiceError where there is none, where another version of Thermogate wrote it, and where it cannot be read.
-    """
+    """The state in `state_dir`. ServiceError where there is none, where another version of Thermogate wrote it, and
+    where it cannot be read."""
     path = (state_dir / JOURNAL).absolute()
     if not path.exists():
         raise ServiceError(f"there is no state in {state_dir}; name the folder that site.state_dir names")

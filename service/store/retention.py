@@ -1,11 +1,7 @@
-"""What the journal keeps: `keep_history` of every zone, within `max_journal` in all.
-
-Nothing is deleted that a start may need: the samples of a zone after its oldest checkpoint stay in any case.
-Age counts from a zone's newest sample, so that a recording of another year is not old by itself. After a leap in
-time, which is an outage or a clock that was set wrong, nothing counts as old until a day of samples has followed, nor
-until a day has gone by since the clock of this machine was set; and what goes at once is a week at most, which the log
-tells.
-"""
+"""What the journal keeps: `keep_history` of every zone, within `max_journal` in all, and the samples of a zone after
+its oldest checkpoint in any case. Age counts from a zone's newest sample. After a leap in time, which is an outage or a
+clock that was set wrong, nothing counts as old until a day of samples has followed, nor until a day has gone by since
+the clock of this machine was set; and what goes at once is a week at most, which the log tells."""
 
 import logging
 import math
@@ -78,10 +74,8 @@ class Stable:
 
 def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterator[None]:
     """Delete what is older than `keep_history`, and the oldest rows of all while the file is too large: a small slice
-    at every step of the iterator, so that samples come in between.
-
-    `oldest_checkpoint` tells the time of the oldest checkpoint of a zone, None if there is none.
-    """
+    at every step of the iterator. `oldest_checkpoint` tells the time of the oldest checkpoint of a zone, None if there
+    is none."""
     told: list[str] = []
     for zone in journal.prunable():
         newest = journal.last_sample_time(zone)
@@ -140,10 +134,8 @@ def _needed(zone: str, newest: int, oldest_checkpoint: Oldest) -> int:
 
 
 def _oldest_zone(journal: Journal, oldest_checkpoint: Oldest) -> tuple[str, int, int] | None:
-    """The arguments of `delete` for the zone whose oldest row is older than every other zone's; None if all is needed.
-
-    What was set aside goes first.
-    """
+    """The arguments of `delete` for the zone with the oldest row, of what was set aside first; None if all is
+    needed."""
     found: list[tuple[bool, float, str, int]] = []
     for zone in journal.every_zone():
         newest = journal.last_sample_time(zone)

@@ -28,11 +28,8 @@ class Verified(NamedTuple):
 
 
 def verify(path: Path, signed_by: Path | None = None) -> Verified:
-    """Look through the state folder or the backup at `path`; nothing in it is changed, and a daemon may run meanwhile.
-
-    Raises ServiceError where there is neither, or a backup is not whole, or not `signed_by` the key whose public part
-    is in that file.
-    """
+    """Look through the state folder or the backup at `path`, which a daemon may use meanwhile. Raises ServiceError
+    where there is neither, or a backup is not whole, or not `signed_by` the key whose public part is in that file."""
     if path.is_dir():
         if signed_by is not None:
             raise ServiceError(f"{path} is a state folder, which nobody signs; leave --signed-by out")

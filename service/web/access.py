@@ -1,8 +1,5 @@
-"""Who may ask what over REST: API keys as bearer tokens (RFC 6750), refused before a route sees the request.
-
-There is one header, `Authorization: Bearer tg_...`: every client can send it, and proxies and logs know to hide it. A
-key in the URL would end up in logs and histories.
-"""
+"""Who may ask what over REST: API keys as bearer tokens (RFC 6750), refused before a route sees the request. A key in
+the URL would end up in logs and histories."""
 
 import asyncio
 from collections.abc import Mapping
@@ -59,10 +56,7 @@ Asking = Annotated[Caller, Depends(caller_of)]
 
 
 class RequireKey:
-    """Middleware that finds out who asks and lets nobody past who may not.
-
-    What is not open needs a key: a route that is added later is closed unless it is listed as open.
-    """
+    """Middleware that finds out who asks and lets nobody past who may not: what is not listed as open needs a key."""
 
     def __init__(self, app: ASGIApp, keys: KeyRing | None) -> None:
         """Without `keys` there are none: reading is open, administration closed."""

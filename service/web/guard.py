@@ -118,11 +118,8 @@ def _name_in(host: str) -> str | None:
 
 
 def _is_meant(host: str, hosts: Iterable[str]) -> bool:
-    """Whether a Host header means this daemon.
-
-    A page of somebody else that has its name resolve to this machine (DNS rebinding) sends that name; no page can
-    send an address that it was not loaded from.
-    """
+    """Whether a Host header means this daemon. A page of somebody else that has its name resolve to this machine (DNS
+    rebinding) sends that name; no page can send an address that it was not loaded from."""
     name = _name_in(host) or ""
     try:
         ipaddress.ip_address(name)

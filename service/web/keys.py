@@ -1,8 +1,5 @@
-"""API keys: made, listed and revoked in a file, and recognised by a running daemon.
-
-A key is 256 random bits. What is stored is its SHA-256: nobody can search 2^256 keys, so a slow or salted hash, which
-protects the passwords that people choose, would only make every request slower.
-"""
+"""API keys: made, listed and revoked in a file, and recognised by a running daemon. A key is 256 random bits, which
+nobody can search: its plain SHA-256 is stored."""
 
 import fcntl
 import hashlib
@@ -79,10 +76,8 @@ class _Content(BaseModel, extra="forbid", frozen=True):
 
 
 def read_keys(path: Path, at: Path | None = None) -> tuple[Key, ...]:
-    """Every key in the file, revoked ones too; none if there is no file. KeyFileError if it cannot be trusted.
-
-    `at` is how to reach it where that is not by `path`.
-    """
+    """Every key in the file, revoked ones too; none if there is no file. KeyFileError if it cannot be trusted. `at` is
+    how to reach it where that is not by `path`."""
     try:
         descriptor = os.open(at or path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
@@ -128,10 +123,8 @@ def _check_trust(path: Path, status: os.stat_result) -> None:
 def create_key(
     path: Path, name: str, scope: Scope, zones: Sequence[str] | None = None, expires: datetime | None = None
 ) -> str:
-    """Add a key to the file and return it: the only time that anyone sees it. KeyFileError if the name is in use.
-
-    A revoked or expired key of the same name is replaced.
-    """
+    """Add a key to the file, in the place of a revoked or expired one of its name, and return it: the only time that
+    anyone sees it. KeyFileError if the name is in use."""
     secret = PREFIX + secrets.token_urlsafe(SECRET_BYTES)
     now = datetime.now(UTC).replace(microsecond=0)
     with _changing(path) as keys:
@@ -174,18 +167,14 @@ class KeyRing:
 
     @property
     def in_force(self) -> bool:
-        """Whether requests need a key: always if required, otherwise from the first key on.
-
-        It stays so if keys are revoked or the file goes away: what took access away must not open the door.
-        """
+        """Whether requests need a key: always if required, otherwise from the first key on, and still if keys are
+        revoked or the file goes away."""
         self._follow()
         return self._in_force
 
     def find(self, secret: str) -> Key | None:
-        """The active key that `secret` is; None if there is none. Takes equally long whichever it is.
-
-        KeyFileError while nobody can say, because the file cannot be read or trusted.
-        """
+        """The active key that `secret` is, found equally long whichever it is; None if there is none. KeyFileError
+        while the file cannot be read or trusted."""
         self._follow()
         if self._file.complaint:
             raise KeyFileError("the API keys cannot be read now; the log of the daemon says why")

@@ -142,11 +142,8 @@ class _Queue:
 
 
 async def stream_slot(request: Request) -> AsyncIterator[None]:
-    """Dependency of a route that streams: a place among the streams until its answer has ended, however it ends.
-
-    RequestRefused (429 or 503) before the answer begins if there is none. The client is the caller's key, without
-    keys the address.
-    """
+    """Dependency of a route that streams: a place among the streams of the client, which is the caller's key or
+    address, until its answer has ended. RequestRefused (429 or 503) before the answer begins if there is none."""
     async with request.app.state.limiter.turn(STREAMS):
         yield
 

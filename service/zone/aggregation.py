@@ -8,10 +8,8 @@ from adapters.units import ENERGIES
 
 
 class Span(NamedTuple):
-    """The readings of one channel in one interval, in the order of time, and where the interval begins and ends.
-
-    Times are UTC seconds; there is at least one reading.
-    """
+    """The readings of one channel in one interval, at least one, in the order of time, and where the interval begins
+    and ends (UTC s)."""
 
     times: Sequence[float]
     values: Sequence[float]

@@ -1,8 +1,6 @@
-"""The clock of this machine, and when to believe it.
-
-The wall clock can be wrong (a machine without a battery starts in 1970 or 2000), it is set, and it goes on while the
-machine sleeps. The steady clock is never set and counts from somewhere.
-"""
+"""The clock of this machine, and when to believe it: the wall clock can be wrong (a machine without a battery starts in
+1970 or 2000), it is set, and it goes on while the machine sleeps. The steady clock is never set and counts from
+somewhere."""
 
 import time
 from collections.abc import Callable

@@ -18,11 +18,9 @@ _HOUR = 3600.0
 
 
 def calendar(name: str | None, country: str | None, location: Location | None) -> Calendar:
-    """Local time in the time zone `name` and the public holidays of `country`, such as "DE" or "DE-BW".
-
-    Without a time zone the hours are those of the sun at the `location`, in whole hours from UTC. ValueError with one
-    sentence for a country that nobody knows.
-    """
+    """Local time in the time zone `name`, without one by the sun at the `location` in whole hours from UTC, and the
+    public holidays of `country`, such as "DE" or "DE-BW". ValueError with one sentence for a country that nobody
+    knows."""
     zone: tzinfo
     if name is not None:
         zone = time_zone(name)

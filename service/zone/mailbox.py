@@ -34,11 +34,8 @@ class Mark(Enum):
 
 
 class Mailbox:
-    """Samples on their way from the intake, which puts, to the worker, which gets; both in the event loop.
-
-    Where there is no room a recording waits. Live telemetry cannot: its samples are left to the journal, where they are
-    safe, until the worker has caught up with it. Then the mailbox takes samples again.
-    """
+    """Samples on their way from the intake, which puts, to the worker, which gets; both in the event loop. Where there
+    is no room a recording waits, and live telemetry is left to the journal until the worker has caught up with it."""
 
     def __init__(self) -> None:
         self._items: deque[Accepted] = deque()

@@ -1,8 +1,5 @@
-"""What REST asks of zones beyond what they have at hand: computed on threads of its own, in fair shares.
-
-A forecast over a week takes seconds. No client may keep the others waiting with many of them, and nothing is computed
-for a client that has gone.
-"""
+"""What REST asks of zones beyond what they have at hand: computed on threads of its own, in fair shares, and for nobody
+who has gone. A forecast over a week takes seconds."""
 
 import asyncio
 import threading

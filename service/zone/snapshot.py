@@ -1,8 +1,5 @@
-"""A zone worker as named arrays and JSON, for its checkpoint, and back.
-
-What comes back continues bit for bit: the estimator's arrays and the held inputs are stored as they are, the rest of
-the worker (counters, the latest update) as JSON, in which a float reads back as the same float.
-"""
+"""A zone worker as named arrays and JSON, for its checkpoint, and back with the same bits: the estimator's arrays and
+the held inputs as they are, the rest of the worker as JSON, in which a float reads back as the same float."""
 
 import hashlib
 import json
@@ -60,10 +57,8 @@ _META = TypeAdapter(_Meta)
 
 
 def fingerprint(network: Network, period: float, estimator: str, structure: Mapping[str, object]) -> str:
-    """What a stored state belongs to: network, period, estimator and its structural options, as a SHA-256.
-
-    Names and descriptions, starting rules and the bounds of fixed parameters may change without making it another one.
-    """
+    """The SHA-256 of what a stored state belongs to: network, period, estimator and its structural options, without
+    names, descriptions, starting rules and the bounds of fixed parameters."""
     described = {
         "nodes": dict(network.capacitances),
         "boundaries": list(network.boundaries),
@@ -80,10 +75,8 @@ def fingerprint(network: Network, period: float, estimator: str, structure: Mapp
 
 
 def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
-    """The checkpoint of a worker whose fingerprint is `mark`; None before its first update.
-
-    `estimator` is its name in the registry.
-    """
+    """The checkpoint of a worker whose fingerprint is `mark`, and `estimator` the name of its own; None before its
+    first update."""
     # The inputs that are held go on while the zone stalls, and nothing else does.
     carried, standing = worker.carried, worker.standing
     if standing is None or carried.standing is None or carried.standing.verified is None:

@@ -10,11 +10,8 @@ _log = logging.getLogger(__name__)
 
 
 class Timeliness:
-    """Watches one zone. Times are monotonic s; safe to ask from any thread.
-
-    The delay of a forecast counts from when its sample was accepted to when it was published. One that is longer than
-    the time from one sample to the next is an overrun: the forecast came after its time.
-    """
+    """Watches one zone, in monotonic s, safe from any thread. The delay of a forecast counts from when its sample was
+    accepted to when it was published; one that is longer than from one sample to the next is an overrun."""
 
     def __init__(self, zone: str) -> None:
         self.overruns = 0

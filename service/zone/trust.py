@@ -3,11 +3,10 @@
 Trust falls as soon as a threshold is crossed. It rises only after RISES judgements in a row, an hour apart, that clear
 the threshold by a margin, so that a controller does not switch to and fro.
 
-Two questions are judged. A controller that plans the heating asks what the model is worth once the heating is known:
-that is the hindsight of the skill. Whoever reads the published forecast, when nobody knows the heating to come, asks
-what it was worth as it was issued. Intervals that held too little then make it doubtful at most, whatever the model is
-worth, and not untrusted: that the heating was not foreseen is no fault that a plan does not mend. The same holds where
-the temperature of the day before, no change, or a regression was the better forecast.
+A controller that plans the heating asks what the model is worth once the heating is known: the hindsight of the skill.
+Whoever reads the published forecast asks what it was worth as it was issued. Intervals that held too little then, or a
+simpler forecast that was better, make it doubtful at most: that the heating was not foreseen is no fault that a plan
+does not mend.
 """
 
 from dataclasses import replace
@@ -121,11 +120,9 @@ def _verified(old: HorizonTrust, week: HorizonSkill, day: HorizonSkill, diagnosi
 def _issued(
     one: HorizonTrust, week: IssuedSkill | None, day: IssuedSkill | None, better: Better | None
 ) -> HorizonTrust:
-    """The horizon with what its forecasts were worth as they were issued, and what simpler one was `better`; nothing of
-    the first is known one step ahead, where no input has to be foreseen.
-
-    A good last day makes up for no interval here: how well the heating was foreseen depends on what day it was.
-    """
+    """The horizon with what its forecasts were worth as they were issued (None one step ahead), and what simpler one
+    was `better`. A good last day makes up for no interval here: how well the heating was foreseen depends on what day
+    it was."""
     reason = _held_too_little(week, day, BELOW[DOUBTFUL])
     if reason is None and better is not None and better.own > NOTABLE:
         reason = str(better)
@@ -173,11 +170,8 @@ def _verdict(week: HorizonSkill, day: HorizonSkill, diagnosis: Diagnosis, thresh
 
 
 def _below(week: HorizonSkill, day: HorizonSkill, threshold: Threshold) -> str | None:
-    """Which part of `threshold` the forecasts fail, as a sentence.
-
-    A last day that alone does what is asked of seven makes up for the days before it: a model that has learned since is
-    judged by what it does now.
-    """
+    """Which part of `threshold` the forecasts fail, as a sentence. A last day that alone does what is asked of seven
+    makes up for the days before it: a model that has learned since is judged by what it does now."""
     if day.forecasts >= NEEDED_OF_DAY:
         if day.coverage < threshold.day_coverage:
             return _held(day, "in the last day")

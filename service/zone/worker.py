@@ -1,11 +1,6 @@
-"""One zone's estimator at work: samples in, updates out, synchronous and deterministic.
-
-The worker is `estimator.loop.Loop` in time: it decides which sample continues a segment, which inputs are too old to be
-held and when the zone stalls, and states what the loop has found as the records that are published. What it publishes
-is exactly what the next sample scores. The daemon and `thermogate replay` run this same worker.
-"""
-
-from __future__ import annotations
+"""One zone's estimator at work: samples in, updates out, synchronous and deterministic. The worker is
+`estimator.loop.Loop` in time: it decides which sample continues a segment, which inputs are too old to be held and when
+the zone stalls, and states what the loop has found as the records that are published."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -152,7 +147,7 @@ class ZoneWorker:
             return progress.missing
         return min(progress.missing, int(progress.last_time + self.period - measured.max()) // self.period)
 
-    def anew(self) -> ZoneWorker:
+    def anew(self) -> "ZoneWorker":
         """A worker of the same zone that has seen nothing."""
         return ZoneWorker(self.estimator, self.settings, self._known_heat, self._to_come)
 
@@ -162,20 +157,15 @@ class ZoneWorker:
         self.input_quality = input_quality
 
     def set_back(self, last_time: int, why: str) -> None:
-        """The clock was set back, `why` says it: the sample at `last_time` (UTC s) counts as the last one.
-
-        What was learned is kept. Held inputs are not, whose age nobody knows; the next sample starts a segment.
-        """
+        """The clock was set back, `why` says it: the sample at `last_time` (UTC s) counts as the last one. What was
+        learned is kept, but for held inputs, whose age nobody knows; the next sample starts a segment."""
         self.carried = self.carried._replace(held=self.loop.begin().held, vanished=0)
         self.input_quality = _bad(len(self.network.inputs))
         self.progress = self.progress._replace(last_time=last_time, missing=0, vanished=0, stalled=why)
 
     def step(self, sample: Sample) -> Update | None:
-        """Take one sample; None where it could not be used (`stalled` then says why).
-
-        Samples come in strictly increasing time. Intervals that are missing altogether count as samples without
-        readings.
-        """
+        """Take one sample, later than the last; None where it could not be used (`stalled` then says why). Intervals
+        that are missing altogether count as samples without readings."""
         last = self.progress.last_time
         if last is not None:
             if sample.time <= last:

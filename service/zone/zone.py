@@ -1,12 +1,6 @@
-"""One zone inside the daemon: its worker, fed from its mailbox, and what happens when the worker fails.
-
-A sample is journaled when it is accepted and assimilated from the mailbox, strictly in order. The worker is restored
-from its newest checkpoint, and stepped over what the journal holds beyond that; the journal keeps everything that is
-later than the oldest checkpoint, so that one which is damaged costs time and nothing else. When a step fails, the zone
-is restored after a pause that grows; meanwhile samples go on into the journal, so that nothing is lost and no other
-zone waits. A sample on which the zone fails repeatedly is marked in the journal and passed over, unless it is the
-environment that fails.
-"""
+"""One zone inside the daemon: its worker, fed from its mailbox in order, and what happens when the worker fails. It is
+restored from checkpoint and journal after a pause that grows; meanwhile samples go on into the journal. A sample on
+which it fails repeatedly is marked there and passed over, unless it is the environment that fails."""
 
 import asyncio
 import logging
@@ -158,10 +152,8 @@ class Zone:
         return await self._store.series(stretch)
 
     async def restore(self) -> int | None:
-        """Rebuild the worker from checkpoint and journal; the time of the last accepted sample.
-
-        Raises StateMismatch where the stored state belongs to another network.
-        """
+        """Rebuild the worker from checkpoint and journal; the time of the last accepted sample. Raises StateMismatch
+        where the stored state belongs to another network."""
         worker, store = self.worker.anew(), self._store
         await store.claim(self.id, self.fingerprint)
         checkpoint = await self._in_pool(store.checkpoints.load, self.id, self.fingerprint)
@@ -382,13 +374,9 @@ class Zone:
 
     async def _set_back(self) -> bool:
         """Go back to the present time, where the wall clock was set back by more than can be waited out; whether that
-        was done.
-
-        The samples that lie ahead of the clock were dated by one that was wrong. They have been learned from, and that
-        is kept; but time must go on from now, and nothing in the journal may be overwritten. So they are set aside, and
-        the zone goes on with a new segment. If they were more than MOST_SET_ASIDE, it is the clock that is wrong, and
-        nothing is done. Raises ServiceError, and then the zone has to be restored.
-        """
+        was done. The samples that lie ahead of the clock were dated by one that was wrong: they are set aside, what was
+        learned from them is kept, and a new segment begins. If they were more than MOST_SET_ASIDE, it is the clock that
+        is wrong, and nothing is done. Raises ServiceError, and then the zone has to be restored."""
         worker, intake, store = self.worker, self.intake, self._store
         async with intake.accepting:
             now = intake.clock.wall()

@@ -50,11 +50,9 @@ async def persevere(
     failed: Callable[[str], Awaitable[None]],
     pause: GrowingPause,
 ) -> bool:
-    """Make `attempt` until it comes to its end, again after every failure; False if it is described wrongly.
-
-    `attempt` tells what it is given of everything that came, and whether that is progress, after which pauses are short
-    again. `failed` hears why an attempt failed. `name` is that of a table [`kind`s.`name`].
-    """
+    """Make `attempt` until it comes to its end, again after every failure, of which `failed` hears why; False if it is
+    described wrongly. `attempt` tells what it is given of everything that came, and whether that is progress, after
+    which pauses are short again. `name` is that of a table [`kind`s.`name`]."""
     failing = False
 
     def came(progress: bool) -> None:
@@ -89,10 +87,8 @@ async def persevere(
 async def feed(
     source: Source, router: Router, zones: Mapping[str, Zone], start: float | None, tally: Tally | None = None
 ) -> None:
-    """Deliver `source` to `zones` from UTC time `start` on until it ends; counted in `tally`.
-
-    What a source that is unavailable has delivered stays delivered: it is asked again from its own last clock on.
-    """
+    """Deliver `source` to `zones` from UTC time `start` on until it ends, counted in `tally`. One that is unavailable
+    is asked again from its own last clock on."""
     tally, position = tally or Tally(), start
 
     def takers() -> Iterator[Zone]:

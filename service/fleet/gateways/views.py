@@ -1,11 +1,9 @@
 """The zones of all shards as a gateway sees them: what they told last, and what is asked of them."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import Mapping
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from service.config.site import ZoneConfig
 from service.errors import ServiceError
@@ -58,7 +56,7 @@ class ShardView:
 class RemoteZone:
     """A zone in another process (`service.records.view.ZoneView`)."""
 
-    def __init__(self, table: ZoneConfig, around: Surroundings, shard: ShardView, before: RemoteZone | None) -> None:
+    def __init__(self, table: ZoneConfig, around: Surroundings, shard: ShardView, before: Self | None) -> None:
         """`before` is the zone of an earlier configuration: what is known of it stays while the network does."""
         self.id = table.id
         self.network = table.network

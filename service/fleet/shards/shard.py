@@ -1,13 +1,11 @@
 """A shard: some hundred zones in a process of their own, run as the daemon runs them, as long as its lease holds."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import AsyncExitStack
-from typing import Any
+from typing import Any, Self
 
 from prometheus_client import Metric
 
@@ -109,7 +107,7 @@ class Shard(Member):
             self._work = None
         self._crashes.close()
 
-    def _working(self) -> _Work:
+    def _working(self) -> "_Work":
         if self._work is None:
             raise Away(f"{self.name} is starting")
         return self._work
@@ -133,7 +131,7 @@ class _Work:
         self._rest = AsyncExitStack()
 
     @classmethod
-    async def begin(cls, site: str, name: str, owner: str, config: Config, crashes: Crashes) -> _Work:
+    async def begin(cls, site: str, name: str, owner: str, config: Config, crashes: Crashes) -> Self:
         """Wait for the lease and start the zones. Where that fails, nothing of it is left, the lease included."""
         leased = await take_lease(fleet_of(config), site, name, owner, end_process)
         async with AsyncExitStack() as undo:

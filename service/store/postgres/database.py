@@ -97,10 +97,8 @@ def schema_of(site: str) -> str:
 
 
 class PostgresDatabase(Database):
-    """The tables of `site` in the database that `connection` names (libpq's key=value, or a URI).
-
-    Everything works again when the server does.
-    """
+    """The tables of `site` in the database that `connection` names (libpq's key=value, or a URI), connected anew when
+    the server is back."""
 
     reset = "as docs/operations.md tells under 'A site in PostgreSQL', by SQL"
     least_pruned = 86_400

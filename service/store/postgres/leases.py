@@ -1,10 +1,7 @@
-"""Leases: who may write now, by the database's clock; and the fence that no other one passes.
-
-A lease belongs to one owner until it expires, is released or is taken by a later one; each time it changes hands, its
-epoch grows by one. A zone belongs to a lease in one of its epochs, and every transaction that writes checks both. It
-locks the key of the lease until it ends, so that nobody can take that in the middle. The rows of zones need no lock: a
-zone leaves its lease only by the hand of its owner, or after the lease has been taken.
-"""
+"""Leases: who may write now, by the database's clock. A lease belongs to one owner until it expires, is released or is
+taken by a later one; each time it changes hands, its epoch grows by one. A zone belongs to a lease in one of its
+epochs. Every transaction that writes checks both, and locks the key of the lease until it ends; the rows of zones need
+no lock, for a zone leaves its lease only by the hand of its owner, or after the lease has been taken."""
 
 import logging
 import time
@@ -44,10 +41,8 @@ class Lease(NamedTuple):
 
 
 class Leases:
-    """The leases of `site` in the database that `connection` names. Blocking, for one thread at a time.
-
-    Times are measured by the database: only how fast the clock of a machine goes matters here, not what it shows.
-    """
+    """The leases of `site` in the database that `connection` names, which measures all times. Blocking, for one thread
+    at a time."""
 
     def __init__(self, connection: str, site: str) -> None:
         self._database = PostgresDatabase(connection, site)
@@ -58,11 +53,8 @@ class Leases:
             raise
 
     def acquire(self, name: str, owner: str, seconds: float) -> Lease:
-        """Take the lease `name` for `seconds`, in a new epoch.
-
-        It has to be free, expired, or of the same `owner`, whose earlier epoch is fenced then; else LeaseHeld, which
-        tells in how many s it expires. JournalError where the database cannot be reached.
-        """
+        """Take the lease `name` for `seconds`, in a new epoch. It has to be free, expired, or of the same `owner`,
+        whose earlier epoch is fenced then; else LeaseHeld. JournalError where the database cannot be reached."""
 
         def work(cursor: Cursor) -> int:
             taken = cursor.execute(

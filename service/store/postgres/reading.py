@@ -14,10 +14,8 @@ from service.store.reading import StoredState
 
 @contextmanager
 def read_site(connection: str, site: str) -> Iterator[StoredState]:
-    """The state of `site` in the database that `connection` names.
-
-    ServiceError where there is none, where another version of Thermogate wrote it, and where it cannot be read.
-    """
+    """The state of `site` in the database that `connection` names. ServiceError where there is none, where another
+    version of Thermogate wrote it, and where it cannot be read."""
     with closing(PostgresDatabase(connection, site, read_only=True)) as database:
         version = applied(database)
         if version == 0:

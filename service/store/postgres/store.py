@@ -9,11 +9,8 @@ from service.store.postgres.schema import prepare, warn_of_unsafe_commits
 
 
 class PostgresStore(JournalStore):
-    """Journal and checkpoints of `site` in the database that `connection` names, written to under `lease`.
-
-    `claim` takes a zone for the lease; until then, and after another owner has taken the zone or the lease, everything
-    that writes to the zone raises Fenced.
-    """
+    """Journal and checkpoints of `site` in the database that `connection` names. What writes to a zone that is not, or
+    no longer, claimed under `lease` raises Fenced."""
 
     prune_seconds = 300.0
     look_seconds = 5.0

@@ -1,11 +1,9 @@
 """The routes over all zones at a glance: one request for all of them, and one stream of what changes."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import AsyncIterator, Iterator, Sequence
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 from fastapi import APIRouter, Response
@@ -71,7 +69,7 @@ class Spark(NamedTuple):
     """h of DAYS in which it was so."""
 
     @classmethod
-    def of(cls, sample_time: int, series: Series) -> Spark:
+    def of(cls, sample_time: int, series: Series) -> Self:
         """From the `series` of DAYS; a line with a place for every step, measured or not."""
         begin = sample_time - sample_time % series.bucket - (POINTS - 1) * series.bucket
         times, measured, setpoint = (

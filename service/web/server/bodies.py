@@ -29,11 +29,8 @@ _SURROGATE = re.compile(rb"\\u[dD][89a-fA-F]")
 
 
 class GatherBody:
-    """Middleware that hands over the body of a request in one piece when the application asks for it.
-
-    For a body that is too large, has too much in it, or finds no room, the application gets RequestRefused. One that
-    nobody asks for is not taken into memory.
-    """
+    """Middleware that hands over the body of a request in one piece when the application asks for it, and takes none
+    else into memory; RequestRefused if it is too large, has too much in it, or finds no room."""
 
     def __init__(self, app: ASGIApp, limit: int) -> None:
         """`limit` of one body in bytes."""

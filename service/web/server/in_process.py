@@ -30,11 +30,8 @@ async def ask(
     headers: Iterable[tuple[bytes, bytes]] = (),
     state: Mapping[str, Any] | None = None,
 ) -> Answer:
-    """What `app` answers to `method` on the unquoted `path` with JSON as its `body`.
-
-    `headers` come on top of the length and kind of the body; `state` is what a guard before the routes would have put
-    into the request. Whatever the application raises is raised.
-    """
+    """What `app` answers to `method` on the unquoted `path` with JSON as its `body`, or raises. `headers` come on top
+    of those of the body; `state` is what a guard before the routes would have put into the request."""
     scope = {
         "type": "http",
         "asgi": {"version": "3.0"},
