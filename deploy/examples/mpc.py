@@ -461,8 +461,7 @@ def heat_ahead(ask: Ask, settings: Settings, plant: Plant, steps: int, known: Kn
 
 
 def beside(known: Known, zone: str, others: Mapping[str, tuple[Settings, Array]]) -> Known:
-    """What is `known`, and the planned heat of all `others` but `zone`; beyond its plan a room is heated as on the
-    whole."""
+    """What is `known`, and the planned heat of all `others` but `zone`; beyond its plan a room has its mean."""
 
     def told(steps: int) -> Mapping[str, Mapping[str, Sequence[float]]]:
         found = {name: dict(inputs) for name, inputs in known(steps).items()}

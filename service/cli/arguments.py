@@ -1,5 +1,4 @@
-"""What the commands share. A command imports what it needs when it runs, so that `thermogate --help` does not wait for
-the compiler."""
+"""What the commands share. Each imports what it needs when it runs: `--help` does not wait for the compiler."""
 
 from __future__ import annotations
 
@@ -29,8 +28,7 @@ def take_config(parser: argparse.ArgumentParser) -> None:
 
 
 def load_config(arguments: argparse.Namespace, path: Path | None = None) -> Config:
-    """The configuration that the command was given, or the one at `path`, with every --set applied. Raises
-    ConfigError."""
+    """The configuration that the command was given, or that at `path`, with every --set applied. Raises ConfigError."""
     from service.config.load import load
 
     return load(path or arguments.config, arguments.overrides)

@@ -24,8 +24,7 @@ _MORE_CHANNELS = "; it also takes I_sol for the sun, and neighbours whose names 
 
 @dataclass
 class ZoneDraft:
-    """What could be read of one zone: `names` are the channels as written (None: not even those), `channels` those
-    among them that could be read."""
+    """What could be read of one zone: `names` are the channels as written (None: not even those)."""
 
     place: Place
     table: ZoneTable | None

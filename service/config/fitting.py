@@ -91,8 +91,7 @@ def measured_outputs(config: Config) -> Outputs:
 
 
 def surroundings(config: Config, zone: ZoneConfig, outputs: Outputs | None = None) -> Surroundings:
-    """What the configuration says of the inputs of `zone` beyond where they are measured; `outputs` are the
-    `measured_outputs` of `config`."""
+    """What is known of the inputs of `zone`; `outputs` are the `measured_outputs` of `config`."""
     outputs = measured_outputs(config) if outputs is None else outputs
     network = zone.network
     inputs = {name: zone.channels[name] for name in network.inputs}

@@ -1,5 +1,4 @@
-"""Which heat of a zone is known up to coefficients: sun and habits, as its table and the site say, and its share of a
-meter of several zones."""
+"""Heat of a zone that is known up to coefficients: sun, habits, and its share of a meter of several zones."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -191,8 +191,7 @@ def _syntax(message: str) -> str:
 
 
 def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config:
-    """The configuration that the tables `raw` describe; ConfigError with what is noted in `problems`, and what is wrong
-    beside."""
+    """The configuration of the tables `raw`; ConfigError with what is in `problems`, and what is wrong beside."""
     for key in raw:
         if key not in TABLES:
             problems.add((key,), unknown_key(key, TABLES))
@@ -375,8 +374,7 @@ def read_zone(table: Any, place: Place, sources: Known, problems: Problems, cont
 
 
 def completed(zone: ZoneTable, network: Network, options: object, whereabouts: Whereabouts) -> ZoneConfig:
-    """The checked `zone` of a site, with the defaults that depend on its network: aggregate and valid range of every
-    channel."""
+    """The checked `zone` of a site, with the defaults of aggregate and valid range that depend on its network."""
     channels = {name: _filled(channel, network.channel_unit(name)) for name, channel in zone.channels.items()}
     setpoint = None if zone.setpoint is None else _filled(zone.setpoint, unit_of(network, SETPOINT))
     written = {name: getattr(zone, name) for name in ZoneTable.model_fields}

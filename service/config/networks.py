@@ -32,8 +32,7 @@ Mistakes = dict[Place, str]
 def read_network(
     raw: object, place: Place, problems: Problems, context: Mapping[str, Any], channels: Collection[str] = ()
 ) -> tuple[NetworkConfig | None, Network | None]:
-    """The network table `raw`, found at `place`, and its network in a zone that has `channels`; what is wrong with
-    either is noted in `problems`."""
+    """The network table `raw` at `place`, and its network in a zone with `channels`; mistakes go to `problems`."""
     if not isinstance(raw, str | dict):
         problems.add(place, f'must be a preset such as "titeth", or a [zones.network] table, not {shown(raw)}')
         return None, None

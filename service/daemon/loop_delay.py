@@ -4,8 +4,7 @@ import asyncio
 from collections.abc import Callable
 
 PROBE_SECONDS = 0.01
-"""From one timer to the next while the loop is busy. What holds it for a time T shows as a delay from T - PROBE_SECONDS
-to T."""
+"""From one timer to the next while the loop is busy, s: a delay shows too short by so much at most."""
 
 IDLE_SECONDS = 0.05
 """The same while it is idle: ten thousand timers in 100 s would cost an idle daemon 1 % of a core."""

@@ -18,8 +18,7 @@ _LARGEST_MMAP_THRESHOLD = 32 << 20
 _KEPT = 1 << 30
 
 _COLLECT_AFTER_WHILE_STARTING = (50_000, 10, 10)
-"""Modules that are imported make hardly any garbage, and looking for it after every 700 objects took a twelfth of the
-time of a start."""
+"""Importing makes hardly any garbage; looking for it every 700 objects took a twelfth of the time of a start."""
 
 _COLLECT_AFTER = (5000, 10, 1000)
 """Thresholds of the garbage collector. A full collection holds every thread, for 60 ms with a thousand zones, and finds

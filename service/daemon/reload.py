@@ -8,8 +8,7 @@ from service.config.fitting import fingerprint
 from service.config.site import TABLES, Config, ZoneConfig
 
 RELOADABLE = ("log", "fleet", "zones", "sources", "weather")
-"""Tables of the configuration that take effect while the daemon runs, or have none on it; the others do with its next
-start."""
+"""Tables that take effect while the daemon runs, or have none on it; the others do with its next start."""
 
 
 class Changes(NamedTuple):
@@ -53,8 +52,7 @@ def compare(old: Config, new: Config) -> Changes:
 
 
 def unchangeable(old: Config, new: Config, tables: Iterable[str], but: str = "", remedy: str = "") -> list[str]:
-    """A sentence for each of `tables` in which `new` differs from `old` in more than the key `but` ("table.key");
-    `remedy` lets it take effect."""
+    """A sentence, with its `remedy`, for each of `tables` that differs in more than the key `but` ("table.key")."""
     found = []
     for table in tables:
         before, after = old.table(table), new.table(table)

@@ -108,8 +108,7 @@ class Runtime:
             _log.warning("stopping before every mailbox was empty; the journal holds the rest for the next start")
 
     async def reload(self, new: Config) -> Changes:
-        """Go over to `new`: zones that are the same in it go on as if nothing had happened. Raises ReloadRefused, and
-        then nothing has changed."""
+        """Go over to `new`; zones that are the same go on. Raises ReloadRefused, and then nothing has changed."""
         async with self._reloading:
             problems = obstacles(self.config, new, {name: zone.fingerprint for name, zone in self.zones.items()})
             if problems:
@@ -233,8 +232,7 @@ class Runtime:
 
 
 async def _drained(zones: Collection[_Running], seconds: float) -> bool:
-    """Let zones empty their mailboxes and write their checkpoints; whether `seconds` were not enough. Then each ends
-    after its present sample."""
+    """Let zones empty their mailboxes and write checkpoints; whether `seconds` were not enough for all."""
     if not zones:
         return False
     workers = [running.worker for running in zones]

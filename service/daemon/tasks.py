@@ -9,8 +9,7 @@ _AGAIN_SECONDS = 0.5
 
 
 async def end(tasks: Collection[asyncio.Future[Any]]) -> None:
-    """Cancel `tasks`, again where one passes over it as `asyncio.wait_for` of Python 3.11 may, and wait until they are
-    over, whatever comes of them."""
+    """Cancel `tasks` until they are over: `asyncio.wait_for` of Python 3.11 may pass over a cancellation."""
     pending = set(tasks)
     while pending:
         for task in pending:

@@ -22,8 +22,7 @@ _log = logging.getLogger(__name__)
 
 
 class Member(ABC):
-    """The body of a member. A new process of it goes on with the plan of before: the steward may have been on the same
-    machine."""
+    """The body of a member. A new process goes on with the plan of before: the steward may be lost too."""
 
     def __init__(self, site: str, name: str) -> None:
         self.site, self.name = site, name

@@ -64,8 +64,7 @@ class Peer:
         self._handle: ActorHandle | None = None
 
     async def ask(self, method: str, *arguments: Any, timeout: float | None = None, give_up: bool = False) -> Any:
-        """What the member answers; with `give_up` it stops at it once nobody waits any more. Raises Away, or the
-        ServiceError that it raised."""
+        """What the member answers, unless it may `give_up`. Raises Away, or the ServiceError that it raised."""
         asked: Any = None
         try:
             async with asyncio.timeout(timeout):

@@ -26,8 +26,7 @@ class Plan(NamedTuple):
         return {zone: shard[key[zone]] for zone in key}
 
     def share(self, shard: str) -> Config:
-        """The configuration of a shard: the whole one with its zones alone, and with a name of its own at brokers,
-        which let nobody in twice."""
+        """The configuration with a shard's zones, and its own name at brokers, which let nobody in twice."""
         config = narrowed(self.config, [zone for zone, owner in self.owners().items() if owner == shard])
         names = {name: getattr(table, "client_id", None) for name, table in config.sources.items()}
         sources = {

@@ -25,8 +25,7 @@ _FAR_MORE = 1.5
 
 
 def keys(config: Config) -> dict[str, str]:
-    """What decides over the shard of each zone, by its id: the first by name of the devices that it and others read
-    from, or the zone itself."""
+    """What decides over the shard of each zone: the first device, by name, that it and others read from, or itself."""
     first: dict[str, str] = {}
 
     def root(name: str) -> str:

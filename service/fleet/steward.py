@@ -32,8 +32,7 @@ STOP_SECONDS = 30.0
 """How long an orderly stop waits for each kind of member."""
 
 FORGIVEN = 600.0
-"""s that a new process of a member may start, and after which, without another ending, it counts as one that never
-hung."""
+"""s that a member may start, and after which, without another ending, it counts as one that never hung."""
 
 _ANEW = "stop the fleet and start it again"
 _KEPT_TABLES = ("site", "http", "zenoh", "fleet")
@@ -43,8 +42,7 @@ _log = logging.getLogger(__name__)
 
 
 def run_fleet(config: Config, address: str, reread: Callable[[], Config]) -> int:
-    """Run the fleet of `config` on the cluster at `address` until it is told to stop; 0 after an orderly stop. Raises
-    ServiceError."""
+    """Run the fleet of `config` on the cluster at `address` until it is told to stop. Raises ServiceError."""
     check_exposure(config)
     configure_logging(config.log)
     for warning in (*config.warnings, *lopsided(config, fleet_of(config).shards)):

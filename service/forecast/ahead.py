@@ -28,8 +28,7 @@ EVERY = 300
 """s on the clock of a zone from one look ahead to the next, at least."""
 
 SHARE = 0.25
-"""Share of the time in which looks ahead are under way, at most: with many zones, or with zones whose time flies, each
-is made less often."""
+"""Share of the time in which looks ahead are under way, at most: of many zones, or of fast ones, each is rarer."""
 
 LEVEL = 0.95
 PROBABILITY = 0.9
@@ -100,8 +99,7 @@ class LookingAhead:
                         _log.warning("zone '%s' does not look ahead now: %r", name, error)
 
     async def attend(self, name: str) -> None:
-        """Look ahead for the zone `name` if it is time to; also tell once that it no longer vouches for its forecast.
-        ServiceError where that cannot be."""
+        """Look ahead for zone `name` where due, or tell once that it vouches for nothing. Raises ServiceError."""
         view, told = self._zones.get(name), self._told.get(name)
         state = None if view is None else view.now()
         if view is None or state is None or state.update is None:

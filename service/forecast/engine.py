@@ -1,5 +1,4 @@
-"""The engine behind every forecast over several steps: one zone under one plan, answered whole from one state of its
-worker."""
+"""The engine of every forecast over several steps: one zone under one plan, from one state of its worker."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -57,8 +56,8 @@ class FanQuestion(NamedTuple):
     """By channel."""
 
     def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> Fan | None:
-        """The forecast; None where there is none now. ServiceError once `given_up`, NoModel for scenarios of an
-        estimator without physics."""
+        """The forecast; None where there is none. ServiceError once `given_up`, NoModel for scenarios without
+        physics."""
         standing = worker.unstalled
         if standing is None:
             return None
@@ -188,8 +187,7 @@ def _columns(worker: ZoneWorker, found: Summary, count: int, paths: Array) -> tu
 
 
 def _paths(zone: PlannedZone, rows: Array, count: int, lawful: LiveFan | None, futures: Mixtures) -> Array:
-    """(count, h + 1, n_y): sampled futures under `rows` (h, n_u), or of the forecast with the law; `futures` is what
-    the zone forecasts."""
+    """(count, h + 1, n_y): sampled futures under `rows` (h, n_u), or with the law, of the forecast `futures`."""
     worker, standing = zone.worker, zone.standing
     if count == 0:
         return np.empty((0, len(rows) + 1, len(worker.network.measured)))

@@ -48,8 +48,7 @@ def refusal(trust: Trust, lead: float) -> str | None:
 
 
 def moment(text: str, start: float, local: tzinfo) -> float:
-    """UTC s of `text`, which is RFC 3339 or the next such time of day after UTC s `start` in the time zone `local`;
-    PlanError for another text."""
+    """UTC s of `text`, RFC 3339 or the next such time of day after UTC s `start` on `local` clocks; PlanError."""
     try:
         clock = time.fromisoformat(text)
     except ValueError:
@@ -182,8 +181,7 @@ class Course(NamedTuple):
 
 
 class CompareQuestion(NamedTuple):
-    """Asks what plans of set-points over `steps` steps come to, and differ from the first of them; `price` is that of a
-    kWh."""
+    """Asks what plans of set-points over `steps` steps come to, and differ from the first; `price` is per kWh."""
 
     steps: int
     courses: Sequence[Course]
@@ -267,8 +265,7 @@ class _Futures:
 
     @property
     def falling(self) -> Array:
-        """(h,): the set-points [degC] to come while nobody raises any: at most the present one, and lower as is
-        likely."""
+        """(h,): the set-points [degC] while nobody raises any: the present one at most, lower as is likely."""
         return np.asarray(np.fmin.accumulate(np.fmin(self._zone.likely, self.setpoint)))
 
     def planned(self, setpoints: Values) -> Array:

@@ -44,9 +44,8 @@ _NOTED = 0.05
 
 
 def warming_up(step: float, temperature: Array, setpoint: Array, cold: float) -> Iterator[RoomAnswer]:
-    """How long the room was more than `cold` [K] below its set-point after that had risen, by `temperature` and
-    `setpoint` (K,) [degC] of intervals of `step` s. A rise says nothing after which another comes or the end, or
-    nothing is measured, before the room is warm."""
+    """How long the room was more than `cold` [K] below its set-point after a rise, by `temperature` and `setpoint` (K,)
+    [degC] of intervals of `step` s: not if another follows, or nothing is measured, before it is warm."""
     with np.errstate(invalid="ignore"):
         changes = np.diff(setpoint)
         rises, falls = (np.flatnonzero(change > cold) + 1 for change in (changes, -changes))

@@ -49,9 +49,8 @@ class PlannedZone(NamedTuple):
         return self.worker.loop.ahead(self.standing.carried, int(self.grid.start), rows, outlook.known)
 
     def with_law(self, ahead: Ahead) -> LiveFan | None:
-        """The forecast under what is foreseen `ahead` with the law inside, or without a plan of heat or set-points that
-        of the futures of a zone with a set-point; None where neither is known, or heat is planned. NoLaw for planned
-        set-points that no law keeps."""
+        """The forecast under what is foreseen `ahead` with the law inside, or, without a plan, of the futures of a zone
+        with a set-point; None where neither is known, or heat is planned. NoLaw for set-points that no law keeps."""
         carried, thermostat, live = self.standing.carried, self._thermostat, self.worker.loop.live
         now = Now(self.standing.state, thermostat, carried.held.values, int(self.grid.start))
         if not self.grid.steps:

@@ -94,8 +94,7 @@ def published_levels(update: Update) -> list[float]:
 
 
 def bound(request: ForecastRequest) -> int:
-    """How many numbers the answer has. RequestError for a horizon that does not fit, or more work than one request may
-    ask."""
+    """The count of numbers in the answer. RequestError for a horizon that does not fit, or too much work."""
     zones, plans = request.zones, len(request.plans)
     fans, planned = len(zones) * plans, sum(_size(plan, len(zones)) for plan in request.plans)
     if fans > MOST_FANS:

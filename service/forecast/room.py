@@ -39,12 +39,10 @@ from service.records.trust import TRUSTED, UNTRUSTED, Trust
 from service.zone.worker import Standing, ZoneWorker
 
 WARM = 1.0
-"""K above the highest set-point of a week from which on a room is too warm: one that cools down in a setback, or over a
-weekend, is not."""
+"""K above the highest set-point of a week from which on a room is too warm: none that cools down in a setback is."""
 
 BAND = (20.0, 26.0)
-"""degC within which a room without a set-point is comfortable: category II of EN 16798-1 for sedentary work, in both
-seasons."""
+"""degC within which a room without a set-point is comfortable: category II of EN 16798-1, sedentary work."""
 
 RARE = 0.05
 """Share of the time for which a room may be too cold or too warm and still counts as comfortable."""
@@ -99,9 +97,8 @@ class Past(NamedTuple):
 
 
 class RoomQuestion(NamedTuple):
-    """Asks how a room did in `past` and what it is like: its floor has `area` [m2] (NaN: nobody says it), its clocks
-    are those of `zone` (IANA; None: UTC), and the power of its heating at full was `entered`, as for a valve, or
-    measured."""
+    """Asks how a room with a floor of `area` [m2] (NaN: unknown) and clocks of `zone` (IANA; None: UTC) did in `past`;
+    the power of its heating at full was `entered`, as for a valve, or measured."""
 
     past: Past
     area: float = float("nan")
@@ -491,8 +488,7 @@ _NO_CONTROLLER = "do not let a controller rely on the forecasts yet"
 
 
 def _for_comfort(comfort: Comfort, past: Past, warming: float, use: _Use) -> Iterator[ToDo]:
-    """What to do about an uncomfortable room; `warming` [h] is how long it usually takes to be warm after a setback, 0
-    if unknown."""
+    """What to do about an uncomfortable room that is usually warm `warming` h after a setback, 0 if unknown."""
     cold, warm = (3.5, 3.0) if comfort.often == "warm" else (3.0, 3.5)
     if comfort.share(comfort.cold) > RARE:
         yield ToDo(*_against_cold(comfort, past, warming, use.heated(comfort.cold)), cold)

@@ -33,9 +33,8 @@ def neighbourhood(asked: Sequence[ZoneView], zones: Mapping[str, ZoneView]) -> l
 
 
 async def forecasts(request: ForecastRequest, plan: Plan) -> list[Fan | ServiceError | None]:
-    """The forecast of each zone of the request under `plan`, one of its plans, with the zones around simulated. None
-    for a zone that has no forecast now; an error for one that cannot be reached (Away), has no scenarios (NoModel) or
-    no law for planned set-points (NoLaw)."""
+    """The forecast of each zone of the request under `plan`, with the zones around simulated. None for one that has
+    none now, or an error: not reached (Away), no scenarios (NoModel), no law for planned set-points (NoLaw)."""
     fine = detail([steps_of(request, view) + 1 for view in request.zones] * len(request.plans))
     questions = {view.id: _question(request, plan, view, fine) for view in (*request.zones, *request.around)}
     # Other clients' questions come in between: no request fills the threads' queue.

@@ -65,8 +65,7 @@ class LinesConfig(LoginConfig):
 
 
 Write = Callable[[str], None]
-"""Writes lines, all or none. Raises SourceUnavailable where they may be taken later, SourceConfigError where they never
-will."""
+"""Writes lines, all or none. SourceUnavailable where they may be taken later, else SourceConfigError."""
 
 
 def to_database(table: LinesConfig, url: str) -> Write:

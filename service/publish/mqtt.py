@@ -109,8 +109,7 @@ class Publisher(Sink):
             self._keep(dict.fromkeys(left, CLEARED))
 
     def publish(self, announcement: Announcement) -> None:
-        """Leave what is announced for the broker, each message in the place of an older one of its topic; the same as
-        before is not sent again."""
+        """Leave what is announced for the broker, in the place of older messages, unless nothing is new."""
         zone, base = announcement.zone, self._base(announcement.zone)
         messages = {f"{base}/{topic}": document for topic, document in announcement.lasting(self._language).items()}
         with self._lock:

@@ -102,8 +102,7 @@ class Announcement:
         return told
 
     def payload(self, topic: str, language: str = LANGUAGES[0]) -> bytes:
-        """The document of `topic`, one of `topics`, in `language`; the forecast also where the status alone has
-        changed."""
+        """The document of `topic` in `language`; the forecast also where the status alone has changed."""
         if topic not in self._rendered:
             self._rendered[topic] = document(self._told(topic), self._site, self.zone)
         return told_in(language, self._rendered[topic]) if topic in _SPEAKING else self._rendered[topic]

@@ -12,9 +12,8 @@ from service.errors import ServiceError
 async def recorded(
     config: Config, zones: Collection[str], start: float | None, end: float | None
 ) -> AsyncIterator[Delivery]:
-    """Deliver the recordings that feed `zones`, from UTC time `start` up to `end`, unpaced, that whose clock is
-    furthest behind first; at the end of a source its clock is infinite. Raises ServiceError where a source is live, or
-    a recording cannot be read."""
+    """Deliver the recordings that feed `zones` from UTC time `start` up to `end`, the furthest behind first; at the end
+    of a source its clock is infinite. Raises ServiceError where a source is live, or cannot be read."""
     needed = {table.source for zone in config.zones if zone.id in zones for table in zone.delivered.values()}
     for name, table in config.sources.items():
         if name in needed and config.is_live(name):

@@ -62,8 +62,7 @@ class Trail:
 
 
 def note(folder: Path, event: str, sentence: str) -> None:
-    """Append to the trail in the state `folder` what the account of this process does there; nothing where there is no
-    such folder."""
+    """Append what this process's account does in the state `folder` to its trail; nothing where there is none."""
     if not folder.is_dir():
         return
     try:
@@ -76,8 +75,7 @@ def note(folder: Path, event: str, sentence: str) -> None:
 
 
 def broken_links(folder: Path) -> tuple[int, list[str]]:
-    """How many lines the trail in the state `folder` has, and a sentence for each that does not follow the one before
-    it."""
+    """How many lines the trail in the state `folder` has, and a sentence for each that does not follow."""
     count, problems, before = 0, [], b""
     for name in (OLDER, TRAIL):
         try:

@@ -94,8 +94,7 @@ def examined(where: object, zone: str, step: int, content: bytes) -> Found:
 
 
 class Checkpoints(ABC):
-    """The newest checkpoints of all zones, wherever they are kept. It blocks, is asked from threads, and may raise
-    ServiceError."""
+    """The newest checkpoints of all zones; blocking, from any thread. Methods may raise ServiceError."""
 
     @abstractmethod
     def save(self, zone: str, checkpoint: Checkpoint, *, keep_all: bool = False) -> object:
@@ -122,8 +121,7 @@ class Checkpoints(ABC):
         """What is raised of a zone whose checkpoints have another fingerprint."""
 
     def newest(self, zone: str) -> Found | None:
-        """The newest sound checkpoint of `zone`; None if there is none. Nothing is changed: of a damaged one the log
-        says that it is left out."""
+        """The newest sound checkpoint of `zone`, or None; the log tells which damaged ones are left out."""
         for found in self.found(zone):
             if found.checkpoint is not None:
                 return found

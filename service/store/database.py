@@ -70,8 +70,7 @@ class Database(ABC):
         """Bytes that the journal takes on the disk."""
 
     def shrink(self) -> bool | None:
-        """Give some of the space of deleted rows back to the disk; whether there was any to give. None: it is kept for
-        later rows."""
+        """Give space of deleted rows back to the disk; whether there was any. None: it is kept for later rows."""
         return None
 
     @abstractmethod

@@ -152,8 +152,7 @@ class Journal:
         self._write((), lambda cursor: None)
 
     def kept(self, zone: str, since: float, until: float = inf) -> list[Reading]:
-        """The readings of `zone` that were kept, with `since` <= time <= `until` (UTC s), oldest first; the log says
-        which are damaged and left out."""
+        """The readings of `zone` with `since` <= time <= `until` (UTC s), oldest first, but for damaged ones."""
         query = (
             "SELECT zone, time, channel, value, quality, checksum FROM readings "
             "WHERE zone = ? AND time BETWEEN ? AND ? ORDER BY time, channel"
@@ -177,8 +176,7 @@ class Journal:
         self._write([zone], work)
 
     def forget(self, zone: str) -> None:
-        """Set aside all of `zone` under a name that no zone can have. Until `forgot`, `is_forgotten` tells that what
-        else there is of it has to go too."""
+        """Set aside all of `zone` under a name that no zone can have; until `forgot` it `is_forgotten`."""
 
         def work(cursor: Cursor) -> None:
             aside = _aside(zone)
@@ -317,8 +315,7 @@ class Journal:
         return rows[0][0] if rows else None
 
     def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
-        """The newest `limit` rows with `start` <= time < `end` (None: open), oldest first, without damaged ones, of
-        which the log tells."""
+        """The newest `limit` sound rows with `start` <= time < `end` (None: open), oldest first."""
         self._show(zone)
         bounds = (_EARLIEST if start is None else start, 2**62 if end is None else end)
         query = (
@@ -335,8 +332,7 @@ class Journal:
         return *self._reader.table(zone, rows), following
 
     def input_columns(self, zone: str, start: int, end: int, every: int, width: int) -> Columns:
-        """The same for the `width` inputs of accepted samples, without those whose length shows damage: only a start
-        checks the chain."""
+        """The same for the `width` inputs of accepted samples; of these a start alone checks the chain."""
         rows, following = self._page(f"SELECT time, inputs FROM samples {_CHART}", zone, start, end, every)  # noqa: S608
         whole = [(time, blob) for time, blob in rows if isinstance(blob, bytes) and len(blob) == 8 * width]
         times = np.array([time for time, _ in whole], dtype=np.int64)

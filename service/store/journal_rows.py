@@ -62,8 +62,7 @@ def sample_row(zone: str, sample: Sample, previous: int) -> SampleRow:
 
 
 def linked_sample(row: Accepted, link: int | None, previous: int) -> Sample:
-    """The sample of a row with `link` after one with the link `previous`; ValueError, TypeError or struct.error if it
-    is damaged."""
+    """The sample of a row with `link` after one with `previous`; ValueError, TypeError, struct.error if damaged."""
     if link != link_of(previous, row):
         raise ValueError("it does not match its checksum, or the one before it is missing")
     outputs, inputs = (np.frombuffer(blob, dtype="<f8").astype(np.float64) for blob in row[2:4])

@@ -1,5 +1,4 @@
-"""A store over a journal and checkpoints, for SQLite and PostgreSQL: every call hops off the event loop, to a thread of
-the journal's own or to the caller's pool."""
+"""A store over a journal and checkpoints, SQLite or PostgreSQL, whose calls hop off the event loop."""
 
 import asyncio
 import logging
@@ -122,9 +121,8 @@ class JournalStore(ABC):
         return last
 
     async def set_back(self, zone: str, before: Checkpoint | None, then: Checkpoint | None, after: int) -> None:
-        """Set aside what there is of `zone` later than `after`; `before` is its present state, `then` the one with
-        which it goes on. A crash at any moment leaves `before` or the end, so that the zone can be set back once
-        more."""
+        """Set aside what there is of `zone` later than `after`, from its state `before` to the one `then`. A crash at
+        any moment leaves one of the two, so that the zone can be set back once more."""
         for checkpoint in (before, then):
             if checkpoint is not None:
                 await asyncio.to_thread(self.checkpoints.save, zone, checkpoint, keep_all=True)

@@ -15,9 +15,8 @@ from service.errors import ServiceError
 
 @contextmanager
 def as_owner_of(folder: Path) -> Iterator[Path]:
-    """Act, if this is root, with the rights of the account that owns `folder`: no link in it then leads to what that
-    account may not reach itself, and what is made belongs to it. Gives the path by which to reach the folder meanwhile,
-    since the account may not pass the folders above it."""
+    """Act, if this is root, with the rights of the account that owns `folder`, and give the path to reach it by
+    meanwhile: no link in it leads to what that account may not reach itself, and what is made belongs to it."""
     owner = folder.stat()
     if not _is_foreign(owner):
         yield folder

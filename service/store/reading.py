@@ -17,8 +17,7 @@ _log = logging.getLogger(__name__)
 
 
 class StoredState:
-    """Journal and checkpoints of a site, only read; no transaction is held between two reads, for which the daemon's
-    log would grow."""
+    """Journal and checkpoints, only read, without a transaction, for which the daemon's log would grow."""
 
     def __init__(self, journal: Journal, checkpoints: Checkpoints) -> None:
         self.journal = journal
@@ -33,8 +32,7 @@ class StoredState:
 
 @contextmanager
 def read_state(state_dir: Path) -> Iterator[StoredState]:
-    """The state in `state_dir`. ServiceError where there is none, where another version of Thermogate wrote it, and
-    where it cannot be read."""
+    """The state in `state_dir`; ServiceError where there is none, of another version, or unreadable."""
     path = (state_dir / JOURNAL).absolute()
     if not path.exists():
         raise ServiceError(f"there is no state in {state_dir}; name the folder that site.state_dir names")
@@ -55,8 +53,7 @@ def read_state(state_dir: Path) -> Iterator[StoredState]:
 
 
 def stored_fingerprints(state_dir: Path) -> dict[str, str]:
-    """The fingerprint of every zone with samples in `state_dir`, by its id; none where there is no state or it cannot
-    be read."""
+    """The fingerprint of every zone with samples in `state_dir`, by its id; none where it cannot be read."""
     try:
         with read_state(state_dir) as state:
             return state.journal.fingerprints()

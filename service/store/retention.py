@@ -73,9 +73,8 @@ class Stable:
 
 
 def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterator[None]:
-    """Delete what is older than `keep_history`, and the oldest rows of all while the file is too large: a small slice
-    at every step of the iterator. `oldest_checkpoint` tells the time of the oldest checkpoint of a zone, None if there
-    is none."""
+    """Delete what is older than `keep_history`, and the oldest rows of all while the file is too large: a slice at
+    every step. `oldest_checkpoint` tells the time of the oldest checkpoint of a zone, None without any."""
     told: list[str] = []
     for zone in journal.prunable():
         newest = journal.last_sample_time(zone)
@@ -134,8 +133,7 @@ def _needed(zone: str, newest: int, oldest_checkpoint: Oldest) -> int:
 
 
 def _oldest_zone(journal: Journal, oldest_checkpoint: Oldest) -> tuple[str, int, int] | None:
-    """The arguments of `delete` for the zone with the oldest row, of what was set aside first; None if all is
-    needed."""
+    """The arguments of `delete` for the zone with the oldest row, first of what was set aside; or None."""
     found: list[tuple[bool, float, str, int]] = []
     for zone in journal.every_zone():
         newest = journal.last_sample_time(zone)

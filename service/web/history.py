@@ -40,6 +40,5 @@ def history_of(zone: ZoneView, rows: Sequence[HistoryRow]) -> History:
 
 
 def _listed(rows: Sequence[HistoryRow]) -> bytes:
-    """`rows` as they stand in the list of a History; one by one, for what takes long in one piece holds the
-    interpreter."""
+    """`rows` as JSON in a list, one by one: what takes long in one piece holds the interpreter."""
     return b",".join(map(to_json, rows))

@@ -167,8 +167,7 @@ class KeyRing:
 
     @property
     def in_force(self) -> bool:
-        """Whether requests need a key: always if required, otherwise from the first key on, and still if keys are
-        revoked or the file goes away."""
+        """Whether requests need a key: if required, or from the first key on, and still if keys go away."""
         self._follow()
         return self._in_force
 

@@ -57,8 +57,7 @@ _CLIENTS = 1024
 
 
 class Limiter:
-    """Gives clients their turns, so that nobody waits for more than what is under way and one turn of each other
-    client, and refuses what is too much."""
+    """Gives clients their turns: nobody waits for more than what is under way and a turn of each other client."""
 
     def __init__(self, limits: LimitsConfig | None = None) -> None:
         limits = limits or LimitsConfig()

@@ -8,8 +8,7 @@ from adapters.units import ENERGIES
 
 
 class Span(NamedTuple):
-    """The readings of one channel in one interval, at least one, in the order of time, and where the interval begins
-    and ends (UTC s)."""
+    """The readings, at least one, of a channel in an interval, in the order of time, and its ends (UTC s)."""
 
     times: Sequence[float]
     values: Sequence[float]

@@ -154,8 +154,7 @@ class Alignment:
         return Reading(channel, time, interval.readings[slot][time], quality)
 
     def elapse(self, now: float) -> list[Sample]:
-        """Wall-clock time `now` (UTC s) has come, whatever the sources say: the samples of live sources that close by
-        it."""
+        """Wall-clock time `now` (UTC s) has come, whatever sources say: the samples that close by it."""
         if now < self._rules.earliest:
             return []
         self._clocks = {source: max(now, clock) for source, clock in self._clocks.items()}
@@ -176,8 +175,7 @@ class Alignment:
         return (int((now - self._rules.lateness) // self._period) - 1) * self._period
 
     def set_back(self, now: float) -> None:
-        """The wall clock was set back to `now`: the grid goes on from there, without the open intervals, which were
-        dated by a clock that was wrong."""
+        """The wall clock was set back to `now`: go on from there, without the intervals dated by a wrong one."""
         self._open.clear()
         self._clocks = dict.fromkeys(self._clocks, -inf)
         self._closed = self.last_before(now) // self._period

@@ -1,6 +1,5 @@
-"""The clock of this machine, and when to believe it: the wall clock can be wrong (a machine without a battery starts in
-1970 or 2000), it is set, and it goes on while the machine sleeps. The steady clock is never set and counts from
-somewhere."""
+"""The clock of this machine, and when to believe it: a wall clock can be wrong (without a battery it starts in 1970 or
+2000) or set, and goes on while the machine sleeps. The steady clock is never set."""
 
 import time
 from collections.abc import Callable

@@ -22,9 +22,8 @@ def state_and_reason(
     now: float,
     lag: str | None = None,
 ) -> tuple[str, str]:
-    """One of `service.records.view.STATES`, and why: `failure` of the last step, `trouble` with sources, `live` for a
-    zone that goes by the wall clock, `ended` where no source will deliver any more, `lag` of the estimator, wall-clock
-    time `now` (UTC s)."""
+    """One of STATES, and why: `failure` of the last step, `trouble` with sources, `live` by the wall clock, `ended`
+    where no source will deliver any more, `lag` of the estimator, wall-clock time `now` (UTC s)."""
     if failure is not None:
         return "failed", failure
     if trouble and not live:

@@ -18,9 +18,8 @@ _HOUR = 3600.0
 
 
 def calendar(name: str | None, country: str | None, location: Location | None) -> Calendar:
-    """Local time in the time zone `name`, without one by the sun at the `location` in whole hours from UTC, and the
-    public holidays of `country`, such as "DE" or "DE-BW". ValueError with one sentence for a country that nobody
-    knows."""
+    """Local time in the time zone `name`, or by the sun at the `location` in whole hours from UTC, and public holidays
+    of `country`, such as "DE" or "DE-BW"; ValueError with one sentence for a country that nobody knows."""
     zone: tzinfo
     if name is not None:
         zone = time_zone(name)

@@ -17,8 +17,7 @@ _log = logging.getLogger(__name__)
 
 
 def is_of_the_environment(error: BaseException) -> bool:
-    """Whether `error`, or what caused it, is one of disk, memory, threads or compiler, for which no sample is to
-    blame."""
+    """Whether `error`, or its cause, is one of disk, memory, threads or compiler: no sample is to blame."""
     if isinstance(error, _ENVIRONMENT) or "can't start new thread" in str(error):
         return True
     if type(error).__module__.partition(".")[0] in _OF_THE_COMPILER:

@@ -13,8 +13,7 @@ WINDOWS = (1, 7, 30)
 
 
 def skill_of(loop: Loop, standing: Standing, time: int, looking_back: Sequence[int] = WINDOWS) -> Skill:
-    """What the forecasts up to the sample at `time` [UTC s] were worth, after which the loop left `standing`, over so
-    many days."""
+    """What the forecasts up to the sample at `time` [UTC s], which left `standing`, were worth over some days."""
     assert standing.verified is not None, "a zone verifies its forecasts"
     windows = []
     for days in looking_back:

@@ -120,9 +120,8 @@ def _verified(old: HorizonTrust, week: HorizonSkill, day: HorizonSkill, diagnosi
 def _issued(
     one: HorizonTrust, week: IssuedSkill | None, day: IssuedSkill | None, better: Better | None
 ) -> HorizonTrust:
-    """The horizon with what its forecasts were worth as they were issued (None one step ahead), and what simpler one
-    was `better`. A good last day makes up for no interval here: how well the heating was foreseen depends on what day
-    it was."""
+    """The horizon with what its forecasts were worth as issued (one step ahead: None), and what simpler one was
+    `better`. A good last day makes up for no interval here: what was foreseen depends on what day it was."""
     reason = _held_too_little(week, day, BELOW[DOUBTFUL])
     if reason is None and better is not None and better.own > NOTABLE:
         reason = str(better)
@@ -193,8 +192,7 @@ def _skilful(window: HorizonSkill, threshold: Threshold) -> bool:
 
 
 def _told(one: HorizonTrust, update: Update, disturbed: bool, lies: str) -> HorizonTrust:
-    """The horizon as it is published: as verified, unless this moment is worse; `lies` says what of the telemetry is
-    not to be believed."""
+    """The horizon as verified, unless this moment is worse; `lies`: what telemetry is not to be believed."""
     level, reason = one.verified, one.why
     if update.outcome == Outcome.VANISHED:
         level, reason = UNTRUSTED, "the model cannot explain the last measurement"

@@ -79,8 +79,7 @@ class Zone:
         self._finished = 0
         """How many samples were assimilated, or could not be."""
         self.empty_samples = 0
-        """How many samples in a row, up to the last one that was accepted before `prepare`, had no reading; 0 where
-        that is not known."""
+        """Samples in a row without a reading, up to the last accepted before `prepare`; 0 if not known."""
         self._announced: tuple[int | None, tuple[str, ...]] = None, ()
         """The hour in which skill and heat loss, and the trust in every horizon, as they were last announced."""
         self._hurried = False
@@ -171,9 +170,8 @@ class Zone:
         return await store.resume_after(self.id, at)
 
     def align(self, alignment: Alignment, live: bool = False, pace: float = inf) -> None:
-        """Take telemetry through `alignment` from now on; before `deliver`, after `prepare`. A `live` zone goes by the
-        wall clock (`elapse`), not by what its sources say the time is; a recording is played at so many times its
-        `pace`."""
+        """Take telemetry through `alignment` from now on, after `prepare`: a `live` zone by the wall clock (`elapse`),
+        a recording played at so many times its `pace`."""
         self.intake.alignment, self.intake.live = alignment, live
         self._timeliness.patience = self.period if live else inf if pace == inf else self.period / pace
 

@@ -155,8 +155,7 @@ async def _scanned(source: Source, title: str, wanted: Scan) -> bool:
 
 
 def probe_table(probes: Iterable[Probe], units: Mapping[str, str], now: float) -> list[str]:
-    """One line per probe, and under it what its raw value might also mean. `units` are the network's, by channel; `now`
-    is UTC s."""
+    """A line per probe, and under it what its raw value might also mean; `units` are the network's, `now` is UTC s."""
     from service.cli.tables import aligned
     from service.errors import one_line
 

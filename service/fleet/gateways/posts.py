@@ -34,9 +34,8 @@ class Posts:
         self._sources = [source for source in built if isinstance(source, HttpSource)]
 
     async def take(self, posted: Sequence[Posted], zone: str | None) -> Receipt:
-        """Hand `posted` to the shards of the zones that ask for it; what counts as accepted is durable on return.
-        Raises RequestRefused without a source to post to, and while a zone has no shard: then all of it may be posted
-        again."""
+        """Hand `posted` to the shards of the zones that ask for it; durable on return. Raises RequestRefused without a
+        source to post to, and while a zone has no shard: then all of it may be posted again."""
         if not self._sources:
             raise RequestRefused(HTTPStatus.CONFLICT, [NO_SOURCE])
         expected, unknown, count = dict[Peer, set[str]](), list[Posted](), 0

@@ -28,8 +28,7 @@ _log = logging.getLogger(__name__)
 
 
 class Leased:
-    """The store of a site, and the lease under which it takes what is written; it is renewed for as long as the process
-    lives."""
+    """The store of a site, and the lease of its writes, which is renewed for as long as the process lives."""
 
     def __init__(self, store: PostgresStore, leases: Leases, lease: Lease, seconds: float, lost: Callable[[], None]):
         """`lost` is called, from a thread, once another owner has the lease."""
@@ -93,8 +92,7 @@ def _taken(connection: str, site: str, name: str, owner: str, seconds: float, lo
 
 
 class LeasedSink(Sink):
-    """A sink that passes on what is announced while the lease holds, and nothing afterwards. Who opened the sink closes
-    it."""
+    """A sink that passes on what is announced while the lease holds; whoever opened that closes it."""
 
     def __init__(self, sink: Sink, leased: Leased) -> None:
         self._sink, self._leased = sink, leased

@@ -16,8 +16,7 @@ SOCKET_MODE = 0o660
 
 
 def listener(config: HttpConfig, setting: str) -> socket.socket:
-    """A socket on what `config` names, not listening yet; ServiceError, which calls the port by its `setting`, if that
-    is impossible."""
+    """A socket on what `config` names, not listening yet; ServiceError, which calls the port `setting`."""
     path, family = config.socket, socket.AF_INET6 if ":" in config.host else socket.AF_INET
     # With the protocol named, asyncio turns Nagle's algorithm off; an answer would otherwise wait 40 ms.
     kind = (family, socket.SOCK_STREAM, socket.IPPROTO_TCP) if path is None else (socket.AF_UNIX, socket.SOCK_STREAM)

@@ -23,8 +23,7 @@ Mistake = TypeVar("Mistake")
 
 
 class RequestRefused(ServiceError):
-    """A request that gets no answer but a problem: `status`, sentences (what is wrong, what to do), headers, and
-    members of the document."""
+    """A request answered by a problem: `status`, sentences (what is wrong, what to do), headers, members."""
 
     def __init__(
         self,
@@ -54,8 +53,7 @@ FAILED = RequestRefused(
 
 
 def few(mistakes: Sequence[Mistake], tell: Callable[[Mistake], str]) -> list[str]:
-    """One sentence for each of `mistakes`, as far as an answer tells them: MOST_SENTENCES, of LONGEST_SENTENCE
-    characters at most."""
+    """Sentences for `mistakes`: MOST_SENTENCES, of LONGEST_SENTENCE characters at most."""
     told = [tell(mistake) for mistake in mistakes[:MOST_SENTENCES]]
     told = [one if len(one) <= LONGEST_SENTENCE else f"{one[: LONGEST_SENTENCE - 3]}..." for one in told]
     left = len(mistakes) - len(told)

@@ -58,8 +58,7 @@ class HttpServer:
     certificate: ServerCertificate | None
 
     def __init__(self, app: FastAPI, config: HttpConfig, setting: str = "http.port") -> None:
-        """Binds the address and loads the certificate; ServiceError, which calls the port by its `setting`, if either
-        is impossible."""
+        """Binds the address and loads the certificate; ServiceError, which calls the port `setting`."""
         self.certificate = server_certificate(config)
         if self.certificate is not None:
             # Of each connection, from its handshake on; left to itself, asyncio takes 256 kB.

@@ -20,8 +20,7 @@ class Foresight:
         self._period = period
 
     def outlook(self, forecast: Forecast, day: Day, steps: int, weather: Weather = NO_WEATHER) -> Outlook:
-        """The inputs of the `steps` intervals from the valid time of the standing `forecast` on; `day` is the last
-        day."""
+        """The inputs of `steps` intervals from the valid time of the standing `forecast` on, after a last `day`."""
         times = forecast.valid_time + self._period * np.arange(steps, dtype=np.float64)
         now = np.array([used.value for used in forecast.inputs])
         rows, by_shape = foreseen(self._network, day, now, times)
