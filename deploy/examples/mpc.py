@@ -66,10 +66,8 @@ def _setting(meaning: str, default: Any) -> Any:
 
 @dataclass(frozen=True)
 class Settings:
-    """What is controlled and how. Powers in W, temperatures in degC, times in s, prices per kWh.
-
-    `sure` is 1.64 for a 90 % interval, and counts twice where forecasts are doubtful.
-    """
+    """What is controlled and how; prices are per kWh. `sure` is 1.64 for a 90 % interval, and counts twice where
+    forecasts are doubtful."""
 
     zone: str
     heater: str = _setting("the input that is planned", "u_heat")
@@ -83,11 +81,9 @@ class Settings:
 
 
 class Decision(NamedTuple):
-    """The power [W] until the next decision, who decided, why, and the planned powers and temperatures.
-
-    For `held`: the first step begins at `start`, UTC s; `path` [degC] is planned at its beginning and after each period
-    of the zone; the plan keeps `low` [degC] in it, and a watt over the step moves the room by `per_watt` K.
-    """
+    """The power [W] until the next decision, who decided, why, and the planned powers and temperatures. For `held`: the
+    first step begins at `start`, UTC s; `path` [degC] is planned at its beginning and after each period of the zone;
+    the plan keeps `low` [degC] in it, and a watt over the step moves the room by `per_watt` K."""
 
     power: float
     by: str
@@ -192,11 +188,10 @@ def rest(url: str, key: str | None = None, timeout: float = 20.0) -> Ask:
 def reach(ask: Ask, zone: str, wanted: float) -> tuple[float, str, str]:
     """How far ahead (s, at most `wanted`) the forecasts are to be relied on, how, and why no further.
 
-    The rule: plan as far as the trust in forecasts under a plan reaches without a gap, up to the first horizon that is
-    "learning" or "untrusted".
-    What is doubtful within an hour is "doubtful", and takes twice the margin. Doubt further ahead does not: what goes
-    wrong there will be seen, and corrected by a later plan. Nor does doubt because something acts on the zone that the
-    model does not know: then the forecast's own interval is wide already.
+    Plan as far as the trust in forecasts under a plan reaches without a gap, up to the first horizon that is "learning"
+    or "untrusted". What is doubtful within an hour takes twice the margin, but not for what acts on the zone that the
+    model does not know: then the forecast's own interval is wide already. What goes wrong further ahead will be
+    corrected by a later plan.
     """
     trusted, worst = 0.0, "trusted"
     answer = ask("GET", f"/zones/{zone}/trust", None)
@@ -211,9 +206,7 @@ def reach(ask: Ask, zone: str, wanted: float) -> tuple[float, str, str]:
 
 def forecasts(ask: Ask, settings: Settings, plans: Sequence[Array], known: Known = nothing_known) -> list[Forecast]:
     """What the zone does under each of `plans` (n,) [W]; what is not `known` of weather and neighbours is Thermogate's.
-
-    The heating of other zones is held where it is not known, so name it where they are heated in turns.
-    """
+    The heating of other zones is held where it is not known, so name it where they are heated in turns."""
     steps = len(plans[0])
     told: dict[str, dict[str, Any]] = {
         zone: {channel: stepped(settings, values) for channel, values in inputs.items()}
@@ -238,11 +231,8 @@ def forecasts(ask: Ask, settings: Settings, plans: Sequence[Array], known: Known
 
 
 def around(ask: Ask, settings: Settings, powers: Array, known: Known = nothing_known) -> tuple[Forecast, Array]:
-    """The forecast under the plan `powers` (n,) [W], and (m + 1,) what a W over the first step does at its times [K].
-
-    Both are what Thermogate forecasts, so the plan fits any estimator; near a plan that will be, a bank of several
-    models is asked nothing that it has never seen.
-    """
+    """The forecast under the plan `powers` (n,) [W], and (m + 1,) what a W over the first step does at its times [K],
+    both as Thermogate forecasts near a plan that will be: so the plan fits any estimator."""
     pulse = PULSE * settings.power * (-1.0 if powers[0] > 0.5 * settings.power else 1.0)
     now, pulsed = forecasts(ask, settings, [powers, np.concatenate([powers[:1] + pulse, powers[1:]])], known)
     return now, (pulsed.mean - now.mean) / pulse
@@ -300,11 +290,8 @@ def thermostat(settings: Settings, temperature: float, heating: bool, low: float
 
 
 def held(settings: Settings, decision: Decision, time: float, temperature: float) -> float:
-    """The power [W] in the first step of a plan, after `temperature` [degC] was measured at `time`, UTC s.
-
-    It is what was planned, and what brings the room back to the planned temperature within a step; nothing is added
-    while the room is warm enough.
-    """
+    """The power [W] in the first step of a plan, after `temperature` [degC] was measured at `time`, UTC s: what was
+    planned, and what brings the room back to the planned temperature within a step; none more while it is warm."""
     since = time - decision.start
     if since < 0.0 or decision.per_watt <= 0.0:
         return decision.power
@@ -338,10 +325,8 @@ class Memory:
         return self._plans[-1][1][int((now - self._plans[-1][0]) // self._step) :] if self._plans else np.empty(0)
 
     def blind(self, now: float) -> Decision:
-        """Where nothing is measured: the last plan made BLIND s before that, then as a day before; ValueError without.
-
-        A sensor that is stuck is noticed late, and what was planned meanwhile has believed it.
-        """
+        """Where nothing is measured: the last plan made BLIND s before that, for a stuck sensor is noticed late, then
+        as a day before; ValueError without."""
         for made, powers in reversed(self._plans):
             place = int((now - made) // self._step)
             if made <= self._measured - BLIND and place < len(powers):
@@ -366,12 +351,10 @@ def decide(
 
     `temperature` [degC] is measured, `heating` says whether it is heated now; `prices` and `low` are the price and the
     lower end of comfort of as many steps as asked for, from now on. `before` is what is left of the last plan [W], if
-    there was one. The thermostat keeps the highest `low` of the next hour, so that a room is warm when a night setback
-    ends.
+    there was one. The thermostat keeps the highest `low` of the next hour.
 
-    The plan stays inside the band by what is uncertain of the forecast: above its lower end by that of the next moment,
-    for the next look can add heat; below its upper end by that of up to an hour, for heat cannot be taken back. What
-    goes wrong later will be seen, and corrected by a later plan.
+    The plan stays above the lower end of the band by what is uncertain of the next moment, for the next look can add
+    heat; below its upper end by that of up to an hour, for heat cannot be taken back.
     """
     room = Room(settings, temperature, heating, low, before)
     return decide_together(ask, [room], prices, known)[0]
@@ -385,12 +368,10 @@ def decide_together(
     plant: Plant = DIRECT,
     reserved: float = 0.0,
 ) -> list[Decision]:
-    """What `decide` says of each of `rooms`, which have one `plant` and steps of the same length.
-
-    Prices are per kWh that the plant takes. Where it cannot heat all, `reserved` W of heat for rooms that are not
-    decided here come first, then rooms that a thermostat heats, the coldest before the others, and the plan of the
-    others keeps to what is left for an hour, then to the limit.
-    """
+    """What `decide` says of each of `rooms`, which have one `plant` and steps of the same length. Prices are per kWh
+    that the plant takes. Where it cannot heat all, `reserved` W of heat for rooms that are not decided here come first,
+    then rooms that a thermostat heats, the coldest before the others; the plan of the others keeps to what is left for
+    an hour, then to the limit."""
     found: dict[int, Decision] = {}
     views: dict[int, View] = {}
 

@@ -13,7 +13,6 @@ SHORTEST_LEASE = 2.0
 LONGEST_LEASE = 60.0
 MOST_SHARDS = 4096
 
-
 _SECRETS = frozenset({"password", "sslpassword"})
 """Parameters of an address that hold a secret."""
 

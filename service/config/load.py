@@ -78,8 +78,7 @@ def load_history(path: Path, history: Path, overrides: Sequence[str] = ()) -> Co
 
 _OF_HISTORY = ("sources", "zones")
 _OF_HISTORY_ZONES = ("id", "channels", SETPOINT)
-
-
+_HISTORY = "history"
 _OF_RECORDED = ("unit", "nominal", "aggregate", "valid", "max_age", "share")
 """Keys of a channel that its history shares: the rest says how the live value is found."""
 
@@ -114,9 +113,6 @@ def _from_parquet(history: Path, plant: Mapping[str, Any]) -> dict[str, Any]:
     timestamp = {"column": times[0], **({"zone": zone} if zone else {})}
     source = {"kind": "csv", "files": [str(history.resolve())], "timestamp": timestamp}
     return {"sources": {_HISTORY: source}, "zones": zones}
-
-
-_HISTORY = "history"
 
 
 def _with_history(

@@ -28,7 +28,6 @@ from service.zone.worker import Standing, ZoneWorker
 
 _DAY = 86400
 
-
 GAIN = "gain"
 """The state that is the unmeasured gain."""
 

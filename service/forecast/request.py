@@ -160,7 +160,8 @@ def mistakes(request: ForecastRequest) -> list[Mistake]:
             start = 0 if update is None else update.forecast.valid_time
             grid = Grid(start, view.period, steps_of(request, view))
             used = plan.of(view.id, inputs)
-            for owner, channel in _named(plan, view.id):
+            named = ((owner, channel) for owner in (EVERY_ZONE, view.id) for channel in plan.inputs.get(owner, ()))
+            for owner, channel in named:
                 if channel not in inputs and owner != EVERY_ZONE:
                     sentence = f"is not an input of this zone; its inputs are {', '.join(inputs)}"
                     found.append(Mistake(number, owner, channel, sentence))
@@ -171,11 +172,6 @@ def mistakes(request: ForecastRequest) -> list[Mistake]:
                         found.append(Mistake(number, owner, channel, str(error)))
         found += [Mistake(number, EVERY_ZONE, each, "is an input of none of the zones") for each in sorted(nowhere)]
     return found
-
-
-def _named(plan: Plan, zone: str) -> list[tuple[str, str]]:
-    """The inputs that `plan` names of `zone` and of every zone, each after whom it names."""
-    return [(owner, channel) for owner in (EVERY_ZONE, zone) for channel in plan.inputs.get(owner, ())]
 
 
 def whole_steps(span: float, period: float, what: str = "horizon") -> int:

@@ -72,8 +72,9 @@ def discovery(
                 "name": say(settings["name"]),
             }
             if language != LANGUAGES[0]:
-                slug = _slug(f"Thermogate {zone} {settings['name']}")
-                # Home Assistant before 2025.10 knows the first alone; where it knows both, the second counts.
+                # As Home Assistant makes the id of an entity from its name. Before 2025.10 it knows the first alone;
+                # where it knows both, the second counts.
+                slug = re.sub("[^a-z0-9]+", "_", f"thermogate {zone} {settings['name']}".lower()).strip("_")
                 document |= {"object_id": slug, "default_entity_id": f"{component}.{slug}"}
             if "json_attributes_template" in settings:
                 document["json_attributes_topic"] = f"{topics}/{topic}"
@@ -123,11 +124,6 @@ def _about(index: int, output: str, count: int) -> dict[str, object]:
 
 def _horizon(lead: int) -> dict[str, object]:
     return {"lead": lead, "duration": format_duration(lead)}
-
-
-def _slug(text: str) -> str:
-    """As Home Assistant makes the id of an entity from its name."""
-    return re.sub("[^a-z0-9]+", "_", text.lower()).strip("_")
 
 
 def _written(entity: Mapping[str, Any], filled: _Filled) -> dict[str, Any]:

@@ -74,16 +74,15 @@ def _said(entries: _Entries, text: str) -> str | None:
     for pattern, translated in entries:
         for written in dict.fromkeys((text, lower)):
             if (match := pattern.fullmatch(written)) is not None:
-                values = {name: _value(entries, name, value) for name, value in match.groupdict().items()}
+                values = {
+                    name: (_said(entries, value) if name[0].isupper() else None) or value
+                    for name, value in match.groupdict().items()
+                }
                 found = translated.format(**values)
                 return found if written is text else found[:1].upper() + found[1:]
     first, parts, rest = text.partition("; ")
     start, end = (_said(entries, part) for part in (first, rest)) if parts else (None, None)
     return f"{start or first}; {end or rest}" if start or end else None
-
-
-def _value(entries: _Entries, name: str, value: str) -> str:
-    return (_said(entries, value) if name[0].isupper() else None) or value
 
 
 @cache

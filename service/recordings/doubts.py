@@ -40,7 +40,6 @@ _FAR_OFF = 0.75
 _TEMPERATURES = {"degF": (5 / 9, -160 / 9), "K": (1.0, -273.15)}
 """Units that are taken for degC by mistake: scale and offset to it."""
 
-
 _MUCH = 0.05
 """Share of the readings that are refused from which on it is no accident."""
 

@@ -25,7 +25,6 @@ Accepted = tuple[str, int, bytes, bytes, str, str, float | None]
 SampleRow = tuple[str, int, bytes, bytes, str, str, float | None, int]
 """The same, and link."""
 
-
 ReadingRow = tuple[str, float, str, float, str, int]
 """zone, time, channel, value, quality, checksum."""
 

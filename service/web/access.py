@@ -40,7 +40,6 @@ KEYS_RETRY_SECONDS = 10
 
 _REALM = 'Bearer realm="thermogate"'
 
-
 ANYBODY = Caller(name="anybody")
 """Who asks without a key while none is in force."""
 NOBODY = Caller(name="nobody", zones=())

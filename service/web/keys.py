@@ -186,14 +186,15 @@ class KeyRing:
         self._follow()
         return not self._file.complaint and key in self._keys and key.state(datetime.now(UTC)) == "active"
 
-    def _read(self) -> None:
-        self._keys = read_keys(self._path)
-
     def _follow(self) -> None:
         """Read the file again if it is another one than last time, or could not be read then."""
         before, complaint = _accepted(self._keys), self._file.complaint
         # What a file that cannot be read would say may be that a key was revoked.
-        if not self._file.follow(self._read, "no API key is accepted"):
+
+        def read() -> None:
+            self._keys = read_keys(self._path)
+
+        if not self._file.follow(read, "no API key is accepted"):
             return
         if complaint:
             _log.info("the keys in %s can be read again", self._path)

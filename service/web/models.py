@@ -6,13 +6,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    Field,
-    WithJsonSchema,
-)
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, WithJsonSchema
 
 from adapters.fields.durations import parse_duration
 from adapters.fields.numbers import is_level
@@ -39,10 +33,6 @@ def _level(value: float) -> float:
     return value
 
 
-def _distinct(levels: list[float]) -> list[float]:
-    return list(dict.fromkeys(levels))
-
-
 def _instant(value: object) -> datetime:
     text = str(value)
     try:
@@ -62,7 +52,9 @@ Level = Annotated[
     AfterValidator(_level),
     WithJsonSchema({"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1, "examples": [0.95]}),
 ]
-Levels = Annotated[list[Level], Field(max_length=MAX_LEVELS), AfterValidator(_distinct)]
+Levels = Annotated[
+    list[Level], Field(max_length=MAX_LEVELS), AfterValidator(lambda levels: list(dict.fromkeys(levels)))
+]
 Horizon = Annotated[
     float,
     BeforeValidator(parse_duration),

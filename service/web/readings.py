@@ -48,7 +48,6 @@ _KINDS = {
 _ENTRY: TypeAdapter[PostedReading] = TypeAdapter(PostedReading)
 _TAKEN = document_of(Receipt, of_a_zone=False, name="ReadingsPayload")
 
-
 Precision = Annotated[Literal["ns", "us", "ms", "s"], Query(description="line protocol: what the time stamps count")]
 
 

@@ -47,23 +47,15 @@ def _time_weighted(span: Span) -> float:
     return min(max(mean, min(span.values)), max(span.values))
 
 
-def _only(span: Span) -> float:
-    return span.values[0]
-
-
-def _energy(span: Span) -> float:
-    return fsum(span.values) / (span.end - span.begin)
-
-
 AGGREGATES: dict[str, Aggregate] = {
     "mean": Aggregate(_ALL, _mean),
     "time_weighted": Aggregate(_ALL, _time_weighted),
-    "first": Aggregate(slice(0, 1), _only),
-    "last": Aggregate(slice(-1, None), _only),
+    "first": Aggregate(slice(0, 1), lambda span: span.values[0]),
+    "last": Aggregate(slice(-1, None), lambda span: span.values[0]),
     "min": Aggregate(_ALL, lambda span: min(span.values)),
     "max": Aggregate(_ALL, lambda span: max(span.values)),
     "sum": Aggregate(_ALL, lambda span: fsum(span.values)),
-    "energy": Aggregate(_ALL, _energy),
+    "energy": Aggregate(_ALL, lambda span: fsum(span.values) / (span.end - span.begin)),
 }
 
 

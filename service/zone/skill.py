@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from estimator.loop import Loop, Standing
+from estimator.loop import Carried, Loop
 from estimator.verification.skill import IssuedScores, Scores
 from estimator.verification.verification import LEVEL
 from service.records.skill import HorizonSkill, IssuedSkill, MemberWeights, Skill, SkillWindow
@@ -12,8 +12,10 @@ WINDOWS = (1, 7, 30)
 """Days that a skill looks back."""
 
 
-def skill_of(loop: Loop, standing: Standing, time: int, looking_back: Sequence[int] = WINDOWS) -> Skill:
-    """What the forecasts up to the sample at `time` [UTC s], which left `standing`, were worth over some days."""
+def skill_of(loop: Loop, carried: Carried, time: int, looking_back: Sequence[int] = WINDOWS) -> Skill:
+    """What the forecasts up to the sample at `time` [UTC s], which left `carried`, were worth over some days."""
+    standing = carried.standing
+    assert standing is not None
     assert standing.verified is not None, "a zone verifies its forecasts"
     windows = []
     for days in looking_back:

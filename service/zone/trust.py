@@ -64,7 +64,6 @@ BACK = {DOUBTFUL: Threshold(0.90, 0.80, 0.05), UNTRUSTED: Threshold(0.75, 0.50, 
 
 _RANK = {TRUSTED: 0, DOUBTFUL: 1, LEARNING: 2, UNTRUSTED: 2}
 
-
 Verdict = tuple[str, str]
 """A level, and the sentence that explains it."""
 

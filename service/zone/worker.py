@@ -33,7 +33,7 @@ from service.records.update import (
     Volatility,
 )
 from service.zone.foresight.outlook import Foresight
-from service.zone.skill import WINDOWS, skill_of
+from service.zone.skill import skill_of
 from service.zone.trust import LOOKED_BACK, judged
 
 STARTED = "started"
@@ -114,7 +114,7 @@ class ZoneWorker:
         )
         self.foresight = Foresight(estimator.network, self.period)
         self.carried = self.loop.begin()
-        self.input_quality = _bad(len(estimator.network.inputs))
+        self.input_quality = (Quality.BAD,) * len(estimator.network.inputs)
         """Of the inputs that are held."""
         self.standing: Standing | None = None
         """One attribute, replaced whole, so that another thread never sees a state beside another sample's forecast."""
@@ -159,7 +159,7 @@ class ZoneWorker:
         """The clock was set back, `why` says it: the sample at `last_time` (UTC s) counts as the last one. What was
         learned is kept, but for held inputs, whose age nobody knows; the next sample starts a segment."""
         self.carried = self.carried._replace(held=self.loop.begin().held, vanished=0)
-        self.input_quality = _bad(len(self.network.inputs))
+        self.input_quality = (Quality.BAD,) * len(self.network.inputs)
         self.progress = self.progress._replace(last_time=last_time, missing=0, vanished=0, stalled=why)
 
     def step(self, sample: Sample) -> Update | None:
@@ -193,7 +193,7 @@ class ZoneWorker:
     def skill(self) -> Skill | None:
         """What the zone's forecasts have been worth; None before the first sample."""
         standing = self.standing
-        return None if standing is None else self._skill(standing.carried, standing.update.time, WINDOWS)
+        return None if standing is None else skill_of(self.loop, standing.carried, standing.update.time)
 
     def diagnosis(self) -> Diagnosis:
         """What is not known now; empty before the first sample."""
@@ -246,13 +246,8 @@ class ZoneWorker:
         """How far the forecasts are trusted: by what was verified once an hour, by this moment always."""
         before, skill, every = self.trust, None, _HOUR * self.loop.seldom(update.time)
         if not before.horizons or update.time // every != before.time // every:
-            skill = self._skill(carried, update.time, LOOKED_BACK)
+            skill = skill_of(self.loop, carried, update.time, LOOKED_BACK)
         return judged(before, update, skill, carried.diagnosis)
-
-    def _skill(self, carried: Carried, when: int, looking_back: Sequence[int]) -> Skill:
-        """What the forecasts up to the sample at `when` (UTC s) were worth over so many days."""
-        assert carried.standing is not None
-        return skill_of(self.loop, carried.standing, when, looking_back)
 
     def _unusable_inputs(self, carried: Carried, now: int) -> str | None:
         """Why the inputs that are held cannot carry a prediction at UTC time `now`, or None."""
@@ -303,17 +298,13 @@ class ZoneWorker:
                 strict=True,
             )
         )
-        return Forecast(sample_time, issue, issue, self._outputs(carried.standing.forecast), inputs)
-
-    def _outputs(self, forecast: OneStep) -> tuple[OutputForecast, ...]:
-        """What is published of the outputs at one time."""
-        columns = (forecast.mean, forecast.median, forecast.sd, forecast.lower, forecast.upper)
-        return tuple(
-            OutputForecast(name, mean, median, sd, tuple(map(Interval, forecast.levels, lower, upper)))
-            for name, mean, median, sd, lower, upper in zip(
-                self.network.measured, *(column.tolist() for column in columns), strict=True
-            )
+        found = carried.standing.forecast
+        columns = (column.tolist() for column in (found.mean, found.median, found.sd, found.lower, found.upper))
+        outputs = tuple(
+            OutputForecast(name, mean, median, sd, tuple(map(Interval, found.levels, lower, upper)))
+            for name, mean, median, sd, lower, upper in zip(self.network.measured, *columns, strict=True)
         )
+        return Forecast(sample_time, issue, issue, outputs, inputs)
 
 
 def stated(forecast: Forecast) -> OneStep:
@@ -343,10 +334,6 @@ def _disturbance(step: Step) -> Disturbance | None:
     known = step.disturbance()
     lower, median, upper = known.gain.tolist()
     return Disturbance((lower, median, upper), known.probability_on, tuple(map(tuple, known.measurement_sd.tolist())))
-
-
-def _bad(width: int) -> tuple[Quality, ...]:
-    return (Quality.BAD,) * width
 
 
 def _score(forecast: OneStep, sample: Sample) -> Score:

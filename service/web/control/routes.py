@@ -22,12 +22,7 @@ from service.records.trust import Trust
 from service.web.access import Asking, find_zone
 from service.web.answering import asked, json_answer, no_forecast, route
 from service.web.control.answers import model_npz, zone_forecast
-from service.web.control.models import (
-    MAX_DRAWS,
-    PlanForecastPayload,
-    SiteForecastPayload,
-    SiteForecastRequest,
-)
+from service.web.control.models import MAX_DRAWS, PlanForecastPayload, SiteForecastPayload, SiteForecastRequest
 from service.web.limits import LARGE
 from service.web.models import Horizon
 from service.web.problems import invalid
@@ -38,7 +33,6 @@ NPZ = "application/x-npz"
 
 MANY_NUMBERS = 100_000
 """From so many numbers on an answer is made in turn with others."""
-
 
 router = APIRouter(tags=["control"])
 

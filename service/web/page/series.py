@@ -19,11 +19,8 @@ from service.web.site import Asked, Here
 MAX_POINTS = 2000
 DAY = 86400
 _DEFAULT_POINTS = 800
-
-
 _EARLIEST, _LATEST = (int(datetime(year, 1, 1, tzinfo=UTC).timestamp()) for year in (1900, 2200))
 """What is asked for beyond these times, UTC s, holds nothing."""
-
 
 router = APIRouter(tags=["zones"])
 
