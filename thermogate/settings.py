@@ -23,7 +23,6 @@ from thermogate.frames import Column, Frame, clock, pandas, spacing
 
 ZONE = "notebook"
 """The id of the zone, and the name of its source."""
-
 PLACE = ("latitude", "longitude", "country")
 """Keys of a site among those that `fit` takes."""
 

@@ -28,7 +28,6 @@ Ask = Callable[[str, str, Any], Any]
 
 COOLING = np.geomspace(1e-3, 1.0, 600)
 """Cooling constants that are tried [1/h]: time constants of 1 to 1,000 h."""
-
 TURN = 4.0
 """h for which heat is tried on, and then off."""
 

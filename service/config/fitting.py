@@ -25,7 +25,6 @@ from service.zone.worker import WorkerSettings, ZoneWorker
 _MOST_EMPTY = 1000
 """Empty samples in a row at most, so that a clock set forward by years brings a moment's work. A worker that bridges
 more makes up for them when telemetry comes again."""
-
 _MOST_ASKED = 12
 """Neighbours that a zone asks at most; more would tell little that is new."""
 

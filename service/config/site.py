@@ -118,7 +118,6 @@ class SiteConfig(BaseModel):
 
 DEFAULT_ESTIMATOR = "bank"
 """The estimator of a zone that names none."""
-
 FORMER_ESTIMATOR = "rbpf"
 """What that was before: of a zone with state of it, and of one that gives options without an estimator."""
 

@@ -31,10 +31,8 @@ WINDOW_SECONDS = 60.0
 
 AUDITED_LINES = 2
 """Lines a minute of one event about one client in the audit trail."""
-
 THINGS_PER_TEMPLATE = 20
 """A template may be written for so many things as often as for one: a thousand zones that fail at once fill no disk."""
-
 _KINDS = 4096
 """Kinds of lines that are counted at most; then all are counted anew."""
 

@@ -5,10 +5,8 @@ from collections.abc import Callable
 
 PROBE_SECONDS = 0.01
 """From one timer to the next while the loop is busy, s: a delay shows too short by so much at most."""
-
 IDLE_SECONDS = 0.05
 """The same while it is idle: ten thousand timers in 100 s would cost an idle daemon 1 % of a core."""
-
 _BUSY = 0.002
 """Delay in s from which the loop counts as busy."""
 

@@ -19,18 +19,14 @@ _KEPT = 1 << 30
 
 _COLLECT_AFTER_WHILE_STARTING = (50_000, 10, 10)
 """Importing makes hardly any garbage; looking for it every 700 objects took a twelfth of the time of a start."""
-
 _COLLECT_AFTER = (5000, 10, 1000)
 """Thresholds of the garbage collector. A full collection holds every thread, for 60 ms with a thousand zones, and finds
 little: what is thrown away here are no cycles, but for connections that are lost. So it is rare, and goes by time."""
-
 _COLLECT_SECONDS = 300.0
 """From one full collection to the next. Connections come and go even where nothing else happens."""
-
 _SWITCH_SECONDS = 0.0005
 """After how long a thread hands on the interpreter lock that another one waits for. The event loop takes it back
 several times for one answer; at Python's 5 ms each, REST would be slow whenever zones are stepped."""
-
 _NICENESS = 5
 """Of the threads that compute, beyond that of their process; Linux keeps it per thread."""
 

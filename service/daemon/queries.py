@@ -22,10 +22,8 @@ ROUTES = {
     "forecasts": ("POST", "/forecasts"),
 }
 """The route that answers each question."""
-
 LONGEST = 1_000_000
 """Bytes of a payload at most, as a body of REST by default."""
-
 _CALLER = Caller(name="zenoh")
 """Who may connect to Zenoh is decided there, and may read every zone."""
 

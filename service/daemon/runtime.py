@@ -26,10 +26,8 @@ from service.zone.zone import Zone
 
 DRAIN_SECONDS = 2.0
 """How long a stop waits for the mailboxes; what is left is in the journal and assimilated at the next start."""
-
 SAVE_SECONDS = 1.0
 """How long it then waits for the checkpoints."""
-
 RETIRE_SECONDS = 30.0
 """How long a reload waits for the mailboxes of the zones that it stops."""
 

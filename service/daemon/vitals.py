@@ -10,10 +10,8 @@ from service.zone.zone import Zone
 
 LOOK_SECONDS = 1.0
 """How often it is looked."""
-
 JOURNAL_SECONDS = 60.0
 """What the thread of the journal may take to answer: a slow disk needs seconds."""
-
 HUNG_SECONDS = 300.0
 """What one sample may take, or the estimator's threads to answer: the first sample after an installation compiles the
 numerical kernels, on a small machine for minutes."""

@@ -26,7 +26,6 @@ from service.fleet.plan import Plan
 
 GATEWAY = "gateway-"
 """What the name of every gateway begins with."""
-
 ANSWER_SECONDS = 5.0
 """How long a sign of life may take."""
 

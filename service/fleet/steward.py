@@ -27,10 +27,8 @@ from service.pauses import within
 
 LOOK = 0.5
 """How often the members are looked after, s."""
-
 STOP_SECONDS = 30.0
 """How long an orderly stop waits for each kind of member."""
-
 FORGIVEN = 600.0
 """s that a member may start, and after which, without another ending, it counts as one that never hung."""
 

@@ -30,7 +30,6 @@ GIVEN_UP = "the forecast was given up because the daemon is stopping, or nobody 
 
 ROOM_DRAWS = 32
 """Draws whose mean stands for a room that is simulated with its neighbours."""
-
 _AT_ONCE = 100
 """Steps between two looks at whether anybody still waits for the forecast."""
 

@@ -29,7 +29,6 @@ from service.zone.worker import Standing, ZoneWorker
 
 COLD = 0.5
 """K below a set-point from which on a room counts as too cold."""
-
 _SWING = 2 * 3600.0
 """s in which a room is warm once under a thermostat that lets it swing around its set-point."""
 

@@ -12,28 +12,20 @@ from service.records.view import ZoneView
 
 MAX_STEPS = 2016
 """Steps of one forecast: a week of 5 min steps."""
-
 MAX_INTERVALS = 4032
 """Intervals of one forecast: steps times levels."""
-
 MOST_STEPS = 100_000
 """Steps of all zones, with those that they are coupled with, and plans of one request."""
-
 MOST_VALUES = 500_000
 """Numbers in the answer: steps times intervals and scenarios."""
-
 MOST_FANS = 2000
 """Zones times plans of one request."""
-
 MOST_PLANNED = 500_000
 """Planned values of one request, those for every zone once for each."""
-
 MOST_DRAW_STEPS = 30_000_000
 """Draws times steps of all forecasts of one request, as long as each has FEWEST_DRAWS: they are what takes time."""
-
 MOST_AT_ONCE = 3_000_000
 """Draws times steps of one forecast: they are what takes memory."""
-
 FEWEST_DRAWS = 1000
 """Draws that a forecast may always have."""
 

@@ -40,13 +40,10 @@ from service.zone.worker import Standing, ZoneWorker
 
 WARM = 1.0
 """K above the highest set-point of a week from which on a room is too warm: none that cools down in a setback is."""
-
 BAND = (20.0, 26.0)
 """degC within which a room without a set-point is comfortable: category II of EN 16798-1, sedentary work."""
-
 RARE = 0.05
 """Share of the time for which a room may be too cold or too warm and still counts as comfortable."""
-
 MOST = 3
 """Things to do that are shown."""
 _TOLD = 1.0

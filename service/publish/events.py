@@ -18,7 +18,6 @@ from service.records.measures import Measure, single
 
 KEEP_ALIVE = 15.0
 """After so many s without an event a comment is sent, so that proxies keep the connection and lost clients show."""
-
 RECONNECT_MS = 3000
 """How long clients are asked to wait before they come back."""
 

@@ -26,7 +26,6 @@ from service.records.measures import Measure, single
 
 MOST_WAITING = 16 * 2**20
 """Bytes of documents that wait for the database at most."""
-
 _AT_ONCE = 2**20
 """Bytes of documents in one request, and one document more."""
 

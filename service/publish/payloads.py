@@ -33,7 +33,6 @@ _LEVELS = "levels of lower, median and upper"
 
 AHEAD_STEP = 1800
 """s from one value of the fan that is published to the next."""
-
 SHORT_PERIOD, USUAL_PERIOD = 30.0, 300
 """s; zones with periods shorter than the first, such as those of a simulation in a hurry, look as many periods ahead
 and back as zones of the second would: a day of seconds is too much to forecast, and not what such a zone is about."""

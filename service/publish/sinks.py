@@ -25,7 +25,6 @@ from service.records.trust import Trust
 
 TOPICS = ("forecast", "ahead", "volatility", "gate", "gain", "skill", "trust", "status")
 """What a zone can tell, each as a JSON document of its own."""
-
 _SPEAKING = ("trust", "status")
 """Topics with sentences."""
 

@@ -31,10 +31,8 @@ _CLOSE_SECONDS = 1.0
 QUESTIONS = ("fan", "plan", "model", "parameters", "preheat", "demand", "what-if")
 """What a zone answers on a key of its own: the fan, the fan under a plan that is the payload, the model, and the
 parameters."""
-
 SITE_QUESTION = "forecasts"
 """What the site answers: forecasts of several zones under plans that are the payload."""
-
 MOST_QUESTIONS = 64
 """Questions that wait for their answers at most; others are refused."""
 

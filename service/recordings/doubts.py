@@ -18,34 +18,24 @@ from service.zone.alignment import SETPOINT, unit_of
 
 _FEW_DAYS = 3.0
 """Days below which a history is too short to learn walls from."""
-
 _SMALL_POWER = 40.0
 """W that the heating of a zone does not stay below: such numbers are in kW."""
-
 _RESTLESS = 1.5
 """How much more a room may vary than the outdoors before the two look swapped."""
-
 _FEW_VALUES = 100
 """Values of a channel below which nothing is said of it."""
-
 _MONTHS, _LAST_SWAPPED = 45, 12
 """Days after which a recording has days beyond this one of a month."""
-
 _BRIGHT = 100.0
 """W/m2 from which irradiance tells where the sun is."""
-
 _FAR_OFF = 0.75
 """h between noon and the middle of the day's sun: the equation of time and windows of one facade explain less."""
-
 _TEMPERATURES = {"degF": (5 / 9, -160 / 9), "K": (1.0, -273.15)}
 """Units that are taken for degC by mistake: scale and offset to it."""
-
 _MUCH = 0.05
 """Share of the readings that are refused from which on it is no accident."""
-
 _UNUSED = 0.2
 """Share of the intervals that nothing can be made of from which on it is no accident."""
-
 _REFUSED = {
     Fault.OUT_OF_RANGE: "its unit, its scale and the range `valid`",
     Fault.OUT_OF_ORDER: "the order of its rows",

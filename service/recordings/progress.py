@@ -9,10 +9,8 @@ from tqdm import tqdm
 
 SLOW = 2.0
 """s after which a command shows how far it is."""
-
 _SMOOTHING = 0.05
 """Weight of the newest speed in the estimate: processes beside each other tell of what they have done by turns."""
-
 _COMPILER, _COMPILING = "numba:compiler_lock", "numba:compile"
 """Events of Numba: a kernel is compiled or read from the cache; it is compiled."""
 

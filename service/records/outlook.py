@@ -15,7 +15,6 @@ Array = npt.NDArray[np.float64]
 
 SET_POINTS = "T_set"
 """What a plan of set-points [degC] is called, of a zone with a set-point whose network has no input of that name."""
-
 SET_POINT_RANGE = (5.0, 35.0)
 """degC that can be planned as the set-point of a room, where its channel does not say what is valid."""
 

@@ -10,7 +10,6 @@ Array = npt.NDArray[np.float64]
 GAIN = ("gain_lower", "gain_median", "gain_upper")
 COLUMNS = ("y", "mean", "lower", "upper", "alpha_median", "gate", *GAIN, "setpoint")
 """Columns of the history that a chart shows."""
-
 MAX_ROWS = 600_000
 """Rows that are read in all; of a longer stretch, only every second, third, ... sample is."""
 

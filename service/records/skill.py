@@ -7,7 +7,6 @@ from service.records.record import Number, Time, constant, record, shown
 
 ENOUGH = 24
 """Verified forecasts before they are held to simpler ones."""
-
 ALIKE = 0.05
 """K by which an RMSE is smaller than another one where that matters; above 1 K, the share of it."""
 

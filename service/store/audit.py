@@ -21,7 +21,6 @@ TRAIL, OLDER = "audit.jsonl", "audit.1.jsonl"
 
 LARGEST = 2**25
 """Bytes from which a new file is begun; the one before it is kept, the one before that is not."""
-
 AUDIT = logging.getLogger("audit")
 """Where events are logged, each with the `extra` of `about`. They are in the log as well, at its level."""
 AUDIT.setLevel(logging.INFO)

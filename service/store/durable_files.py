@@ -7,7 +7,6 @@ from pathlib import Path
 
 SPACE = "free space on its disk: what was set aside (reset-*, before-restore-*, *.corrupt) and old backups may go"
 """The remedy for a full disk under a state folder."""
-
 TEMPORARY = ".tmp"
 """How the name of a file ends until it is whole."""
 

@@ -35,19 +35,14 @@ from service.store.journal_rows import (
 
 REMEMBERED = 3600
 """Readings are kept for so many s beyond the sample that they went into, to be known if they are posted again."""
-
 SERIES_ROWS = 4000
 """Rows that a chart reads at once, before other work of the journal's thread has its turn."""
-
 PAGE = 500
 """Samples that are read at once."""
-
 DELETED_AT_ONCE = 500
 """Rows of a table that are deleted in a transaction."""
-
 _EARLIEST = -(2**63)
 """Not later than any sample."""
-
 ROWS = ("samples", "history", "readings")
 """The tables with rows of zones at times."""
 

@@ -17,16 +17,12 @@ HOUR = 3600
 DAY = 24 * HOUR
 LEAP = 2 * DAY
 """Two samples of a zone further apart than this, in s, are a leap."""
-
 STEADY_HOURS = 24
 """After a leap, samples of so many hours make the time of the newest one count again."""
-
 MOST_AT_ONCE = 7 * DAY
 """How much of a zone's time is deleted for its age between two looks, in s."""
-
 SET = HOUR
 """s by which the wall clock differs from one that nobody sets, where it was set."""
-
 _BEGIN = 0.95
 """From which part of the limit on there is shrinking, so that the limit itself is not reached between two looks."""
 
@@ -34,7 +30,6 @@ _TOLD = 5
 
 _ALWAYS = 2**62
 """Later than every sample."""
-
 FOREVER = float(_ALWAYS)
 """A `keep_history` for which nothing is too old."""
 

@@ -26,13 +26,10 @@ OPEN_PATHS = ("/", "/docs", "/openapi.json", "/healthz")
 ADMIN_PREFIX = "/admin"
 OF_ZONES = ("zones", "overview", "forecasts")
 """How the paths begin that a key for some zones may ask for; their answers are about zones that the caller sees."""
-
 READINGS = "readings"
 """How every path ends where readings are posted; it needs a key, even where reading does not."""
-
 MOST_NAMES = 20
 """Zones that an answer names at most; how many there are is told too."""
-
 HOLD_SECONDS = 1.0
 """How long a wrong key waits for its answer where there were too many."""
 

@@ -41,7 +41,6 @@ deviations in K. A number that is not finite is null. Errors are application/pro
 
 SMALLEST_PACKED = 1024
 """Bytes from which an answer is compressed for a client that takes that."""
-
 _QUESTIONS = (zone_routes.router, control_routes.router, heating.router)
 """The routes that read zones."""
 

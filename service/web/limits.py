@@ -44,7 +44,6 @@ def table(limits: LimitsConfig) -> dict[str, Limit]:
 
 LONG_WAIT_SECONDS = 5.0
 """A client that waits longer for its turn is told of in the log."""
-
 FAILURES = 10
 """Wrong keys that a peer may send at once, and then per FAILURE_SECONDS."""
 

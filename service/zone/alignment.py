@@ -16,7 +16,6 @@ from service.zone.aggregation import AGGREGATES, Aggregate, Span, default_aggreg
 
 SETPOINT = "setpoint"
 """The channel of what a room is meant to have: observed and kept, but no part of the network."""
-
 MOST_READINGS = 100_000
 """Of one channel in one interval, some MB; what is more is a flood, and no rule for aggregating needs all of it."""
 

@@ -9,13 +9,10 @@ from adapters.fields.times import written_time
 
 PLAUSIBLE = 1_735_689_600.0
 """2025-01-01T00:00:00Z in UTC s. There is no Thermogate of that age: a clock before it has not been set."""
-
 WAITED_OUT = 60.0
 """A clock that is no more than this, or one period, behind the newest sample is waited for, in s."""
-
 SETTLING = 30.0
 """How long a clock has to stay behind before a zone goes back with it, in s: at a start it may be set several times."""
-
 MOST_SET_ASIDE = 7 * 86_400.0
 """Samples of so many s at most are set aside for a clock that was set back. If it were more, the clock is wrong."""
 

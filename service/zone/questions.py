@@ -13,13 +13,10 @@ from service.records.asker import current_asker
 
 THREADS = 3
 """How many are answered at a time."""
-
 THREADS_OF_ONE = 2
 """How many of one client: one thread is always left for the others."""
-
 WAITING = 256
 """How many questions of all clients wait or are answered at most."""
-
 WAITING_OF_ONE = 32
 """The same of one client."""
 

@@ -21,26 +21,19 @@ from service.records.update import Update
 
 LOOKED_BACK = (1, 7)
 """Days whose verified forecasts are judged by."""
-
 NEEDED = 24
 """Verified forecasts in seven days below which a horizon is still being learned."""
-
 NEEDED_OF_DAY = 12
 """Verified forecasts in a day from which that day alone may lower the trust."""
-
 RISES = 6
 """Judgements in a row, an hour apart, that a better level takes."""
-
 NOTABLE = 0.25
 """K: an RMSE up to which it does not matter that persistence is better."""
-
 WIDER, WIDE = 2.0, 1.5
 """Widths of the standing interval, as multiples of the mean width of seven days, at which a disturbance begins in the
 high regime of alpha, and at which it ends."""
-
 DISTURBED_UP_TO = 21600
 """s: a disturbance of this moment lowers the trust in horizons up to this one."""
-
 FROM_HOURS = 21600
 """s: horizons from this one on hang on the heat loss, which some findings doubt."""
 
@@ -58,7 +51,6 @@ class Threshold(NamedTuple):
 
 BELOW = {DOUBTFUL: Threshold(0.85, 0.70, 0.0), UNTRUSTED: Threshold(0.70, 0.40, -0.5)}
 """Anything below these is at most at this level."""
-
 BACK = {DOUBTFUL: Threshold(0.90, 0.80, 0.05), UNTRUSTED: Threshold(0.75, 0.50, -0.4)}
 """Nothing may be below these for a level to be left upwards."""
 

@@ -21,10 +21,8 @@ LONGEST_PAUSE = 30.0
 
 TICK = 0.5
 """How often the wall clock is looked at, in s."""
-
 NOTABLE_JUMP = 2.0
 """What the wall clock may be set by without a word, in s."""
-
 TOGETHER = 32
 """Zones that take in their shares in one turn of the event loop: some ms of it at most."""
 

@@ -16,7 +16,6 @@ from service.web.server.refusal import RequestRefused
 
 TOGETHER = 1000
 """Readings that are handed to the zones in one turn of the event loop, and values that are looked at: some ms of it."""
-
 MAX_READINGS = 100_000
 """What a post may bring to all channels together."""
 

@@ -28,7 +28,6 @@ from service.publish.zenoh import KIND as ZENOH_KIND
 
 RELOAD_SECONDS = 30.0
 """How long a reload that a client asks for waits for `thermogate fleet run`, which has the configuration."""
-
 AGAIN = 0.3
 """Pause before a shard that could not be reached is asked again, s."""
 

@@ -21,10 +21,8 @@ Answer = TypeVar("Answer")
 
 ANSWER_SECONDS = 60.0
 """How long a question to a zone may take."""
-
 LOOK = 1.0
 """How often it is looked whether the client still waits for its answer, s."""
-
 SILENT_SECONDS = 10.0
 """A shard that has not answered for so long is not believed any more to run its zones."""
 

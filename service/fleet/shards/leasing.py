@@ -20,7 +20,6 @@ from service.store.postgres.store import PostgresStore
 
 LOOK = 0.5
 """How often it is tried to take a lease that somebody holds, s."""
-
 RENEWALS = 3
 """How many times a lease is renewed before it would be over."""
 

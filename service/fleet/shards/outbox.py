@@ -12,10 +12,8 @@ from service.zone.zone import Zone
 
 PATIENCE = 2.0
 """How long a gateway is kept waiting for news, s."""
-
 GATHER = 0.05
 """How long news gather before they are told, s: one message for many zones."""
-
 LOOK = 1.0
 """How often it is looked whether a zone's status has changed by itself, as with the time, s."""
 

@@ -15,17 +15,14 @@ from service.store.database import Cursor, Database, Result
 
 STATEMENT_SECONDS = 30.0
 """A statement that takes longer is given up."""
-
 FROZEN_SECONDS = 5.0
 """The server ends a transaction whose client stands still for so long: it would keep others from taking its lease."""
-
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 8.0
 """Between two attempts to connect, in s; meanwhile everything fails at once."""
 
 _ATTEMPTS = 4
 _LONGEST = 63
 """Bytes that PostgreSQL takes of a name; the rest it leaves out in silence."""
-
 _CONNECTION = {
     "application_name": "thermogate",
     "client_encoding": "utf8",
@@ -57,10 +54,8 @@ _REMEDIES = {
     "XX": "look in the log of the server whether its disk has failed, and restore a backup (docs/operations.md)",
 }
 """By SQLSTATE or the beginning of one, the longest first that fits."""
-
 _BROKEN = ("08", "25006", "25P03", "57P")
 """SQLSTATEs after which the connection is made anew. After a change of the primary it leads to another server."""
-
 _AGAIN = ("40001", "40P01", "23505")
 """SQLSTATEs after which a transaction is tried again.
 

@@ -33,19 +33,14 @@ from service.web.site import Here, Site
 
 LEADS = (3600, 6 * 3600)
 """How far ahead the overview looks, s."""
-
 PAUSE = 1.0
 """s between two events of one client: what changes meanwhile goes into one."""
-
 ROWS_AT_ONCE = 100
 """Rows in an event; other requests have their turn before the next."""
-
 _KEPT = 3 * 3600
 """What was expected is shown for so many s of the zone's time: with many zones the next look ahead takes a while."""
-
 _WARMING = 6 * 3600
 """s after a rise of its set-point in which a room that is colder may still be warming up."""
-
 _SILENT = ("stalled", "failed", "waiting")
 """States in which nobody vouches for what was expected."""
 

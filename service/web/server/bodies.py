@@ -13,10 +13,8 @@ from service.web.server.refusal import CLOSE, RequestRefused
 
 AT_ONCE = 16
 """Bodies of the largest size that all clients together may have in memory; each may have an equal share of it."""
-
 AT_ONCE_OF_ONE = 8
 """The same of one client."""
-
 MAX_ITEMS = 100_000
 """Values in a JSON body. Each wrong one costs a validation error, and the event loop waits meanwhile."""
 

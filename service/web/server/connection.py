@@ -22,22 +22,16 @@ from service.web.server.refusal import CLOSE, RequestRefused
 
 FREE_CHUNKS = 64
 """Chunks that every body may come in, whatever their size."""
-
 CHUNK_BYTES = 256
 """What further chunks must hold on average: parsing one costs as much as reading that."""
-
 READ_BYTES = 16_384
 """How much is read from a connection at once; more waits in the kernel, which makes the client wait."""
-
 PASS_SECONDS = 0.002
 """How long connections may hold one pass of the event loop between them."""
-
 PIECE = 65_536
 """How much of an answer its transport is given at once; it would copy the rest."""
-
 MIN_PROGRESS = 65_536
 """Bytes of an answer that a client must take within send_timeout."""
-
 UNIX = "unix"
 """Whom requests over a UNIX socket come from."""
 

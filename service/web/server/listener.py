@@ -10,7 +10,6 @@ from service.errors import ServiceError
 
 SEND_BUFFER = 131_072
 """Bytes that the system takes for a client that does not read; left to itself it takes megabytes for each."""
-
 SOCKET_MODE = 0o660
 """Of a UNIX socket: for the daemon's account and its group, which the proxy has to be in."""
 

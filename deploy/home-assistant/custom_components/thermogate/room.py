@@ -22,7 +22,6 @@ from homeassistant.util.unit_conversion import PowerConverter, TemperatureConver
 
 SOURCE = "home-assistant"
 """Name of the source in the daemon's configuration."""
-
 _UNITS = {
     UnitOfTemperature.CELSIUS: "degC",
     UnitOfTemperature.FAHRENHEIT: "degF",
@@ -33,7 +32,6 @@ _UNITS = {
     "BTU/h": "BTU/h",
 }
 """Home Assistant's units as Thermogate's configuration writes them."""
-
 SWITCHES = ("switch", "binary_sensor", "input_boolean")
 """Domains of what is on or off."""
 

@@ -26,7 +26,6 @@ from .coordinator import DOMAIN, Coordinator, Topics
 
 PARALLEL_UPDATES = 0
 """Nothing is asked entity by entity."""
-
 HOURS = {"1h": 3600, "6h": 21600, "1d": 86400}
 """Leads that are shown, s."""
 
