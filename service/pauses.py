@@ -11,11 +11,9 @@ class GrowingPause:
         self._first, self._longest = first, longest
 
     def grow(self) -> None:
-        """An attempt has failed."""
         self.seconds = min(2 * self.seconds, self._longest)
 
     def reset(self) -> None:
-        """An attempt has succeeded."""
         self.seconds = self._first
 
 

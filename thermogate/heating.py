@@ -32,12 +32,10 @@ def preheat_series(found: Preheat, tz: str) -> Any:
 
 
 def demand_table(found: Demand, tz: str) -> Frame:
-    """A row for every hour."""
     return _ranges([hour.energy for hour in found.hours], moments([hour.begin for hour in found.hours], tz))
 
 
 def demand_total(found: Demand) -> Any:
-    """A Series."""
     return _ranges([found.total], ["total"]).iloc[0]
 
 

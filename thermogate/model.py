@@ -493,7 +493,6 @@ class Model:
         return self._session.tracer.trace(self.faults)
 
     def _by_step(self, fan: Fan, quantities: Callable[[CompactOutputPayload], Iterable[tuple[Any, Array]]]) -> Frame:
-        """The `quantities` of every output of `fan` as columns, by time."""
         first, period = fan.update.forecast.valid_time, self._settings.zone.period
         times = self._moments([first + step * period for step in range(len(fan.outputs[0].mean))])
         found = {self._key(one.output, name): values for one in fan.outputs for name, values in quantities(one)}

@@ -141,7 +141,6 @@ def _timed(name: str, frame: Any, settings: Settings, grid: Grid) -> Timed:
 
 
 def _in_unit(values: float | Array | Timed, edge: Edge) -> Values:
-    """The same in the network's unit."""
     if isinstance(values, Timed):
         return values._replace(values=np.array([edge.value(raw) for raw in values.values.tolist()]))
     if isinstance(values, float):

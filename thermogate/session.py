@@ -41,7 +41,6 @@ class Session:
         self.worker.carried = self.worker.carried._replace(experience=experience)
 
     def take(self, sample: Sample) -> None:
-        """One sample on."""
         update = self.worker.step(sample)
         if update is not None:
             self._rows.append(self._row(update))

@@ -554,7 +554,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _positive(word: str) -> float:
-    """A number above 0."""
     number = float(word)
     if not number > 0.0:
         raise argparse.ArgumentTypeError(f"{word} is not above 0")

@@ -30,7 +30,6 @@ _MOST_ASKED = 12
 
 
 def make_worker(zone: ZoneConfig) -> ZoneWorker:
-    """A fresh worker of `zone`."""
     estimator = registry.construct(zone.estimator, zone.network, zone.period, zone.options)
     settings = WorkerSettings(
         zone.seed, zone.levels, zone.max_gap, zone.hold_inputs, zone.max_ages, zone.proposes_bounds

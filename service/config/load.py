@@ -280,7 +280,6 @@ def _read_source(name: str, table: Any, problems: Problems, context: Mapping[str
 
 
 def _read_weather(tables: Any, problems: Problems, context: Mapping[str, Any]) -> dict[str, WeatherConfig | None]:
-    """The [weather.<name>] tables by name; None for one that cannot be read."""
     if not isinstance(tables, dict):
         problems.add(("weather",), f"must be tables such as [weather.forecast], not {shown(tables)}")
         return {}

@@ -108,7 +108,6 @@ class SiteConfig(BaseModel):
 
     @property
     def whereabouts(self) -> Whereabouts:
-        """Where the site is."""
         location = None
         if self.latitude is not None and self.longitude is not None:
             location = Location(self.latitude, self.longitude)
@@ -235,7 +234,6 @@ class Config(BaseModel):
 
     @property
     def keys_file(self) -> Path:
-        """Where the API keys are."""
         return self.http.keys_file or self.site.state_dir / "keys.json"
 
     def zones_of(self, source: str) -> tuple[ZoneConfig, ...]:

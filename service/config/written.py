@@ -88,7 +88,6 @@ def _gain(network: Network, heat: HeatInput) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """`value` in the types TOML has."""
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items() if item is not None}
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

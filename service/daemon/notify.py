@@ -35,11 +35,9 @@ class Notifier:
         self._send("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
 
     def stopping(self) -> None:
-        """The daemon stops."""
         self._send("STOPPING=1", "STATUS=stopping")
 
     def alive(self) -> None:
-        """The daemon works."""
         self._send("WATCHDOG=1")
 
     def _send(self, *assignments: str) -> None:

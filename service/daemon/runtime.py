@@ -65,7 +65,6 @@ class Runtime:
 
     @property
     def feeds(self) -> tuple[Feed, ...]:
-        """The sources at work."""
         return tuple(self._feeds)
 
     @property

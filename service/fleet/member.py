@@ -48,7 +48,6 @@ class Member(ABC):
         return about._replace(**self.state())
 
     async def stop(self) -> None:
-        """Stop in order."""
         self._stopping = True
         if self._following is not None:
             await asyncio.wait([self._following])

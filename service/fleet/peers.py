@@ -35,8 +35,6 @@ _GATEWAY = "service.fleet.gateways.gateway:Gateway"
 
 
 class Actor:
-    """The actor around every body."""
-
     async def __init__(self, body: str, site: str, name: str) -> None:  # type: ignore[misc]  # as Ray has it
         # Before anything imports Numba, so here and not at the top.
         from service.daemon.process import prepare_process
@@ -90,7 +88,6 @@ class Peer:
 
 
 def namespace(site: str) -> str:
-    """Where the members of a site have their names."""
     return f"thermogate-{site}"
 
 
@@ -144,7 +141,6 @@ def remove(site: str, name: str, for_good: bool = True) -> None:
 
 
 def members(site: str) -> set[str]:
-    """The names of all members that there are."""
     own = namespace(site)
     return {each["name"] for each in list_named_actors(all_namespaces=True) if each["namespace"] == own}
 

@@ -16,11 +16,9 @@ class Plan(NamedTuple):
 
     @property
     def shards(self) -> tuple[str, ...]:
-        """Every shard that there should be."""
         return shard_names(fleet_of(self.config).shards)
 
     def owners(self) -> dict[str, str]:
-        """The shard of every zone."""
         key = keys(self.config)
         shard = owners(sorted(set(key.values())), self.shards)
         return {zone: shard[key[zone]] for zone in key}
@@ -37,5 +35,4 @@ class Plan(NamedTuple):
 
 
 def shard_names(count: int) -> tuple[str, ...]:
-    """The names of so many shards."""
     return tuple(f"shard-{number}" for number in range(count))

@@ -15,8 +15,6 @@ _TOLD = ("node", "pid", "boot", "plan", "zones")
 
 
 class FleetStatus(NamedTuple):
-    """How the fleet is doing."""
-
     version: int
     nodes: Mapping[str, str]
     members: Mapping[str, Beat | None]
@@ -63,7 +61,6 @@ async def _asked(site: str) -> FleetStatus | None:
 
 
 def in_json(status: FleetStatus) -> dict[str, object]:
-    """Every figure of `status`."""
     members = []
     for name, beat in status.members.items():
         told = {key: beat and getattr(beat, key) for key in _TOLD}
@@ -74,7 +71,6 @@ def in_json(status: FleetStatus) -> dict[str, object]:
 
 
 def in_lines(status: FleetStatus) -> str:
-    """A line for every member."""
     moving = f", {status.moving} zones are moving" if status.moving else ""
     lines = [f"plan {status.version}, {len(status.nodes)} machines{moving}"]
     for name, beat in status.members.items():

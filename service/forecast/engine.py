@@ -116,11 +116,9 @@ class FixedRoom:
         return self._path[min(self._step, len(self._path) - 1)]
 
     def step(self, inputs: Array) -> None:
-        """One step on."""
         self._step += 1
 
     def anew(self) -> "FixedRoom":
-        """The same at its beginning."""
         return FixedRoom(self._path)
 
 

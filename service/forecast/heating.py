@@ -289,7 +289,6 @@ def _trust(worker: ZoneWorker, grid: Grid) -> str:
 
 
 def _range(amounts: Amounts) -> Range:
-    """Of one span."""
     lower, upper = amounts.quantiles(_LEVELS)[0].tolist()
     return Range(float(amounts.mean()[0]), lower, upper)
 

@@ -124,7 +124,6 @@ def needed_heat(worker: ZoneWorker, times: Array, step: float, temperature: Arra
 
 
 def _mean(values: Array) -> Array:
-    """The mean of each column, of what is known."""
     return np.asarray(np.nansum(values, axis=0) / np.maximum(1, np.isfinite(values).sum(axis=0)))
 
 

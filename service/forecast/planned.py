@@ -35,7 +35,6 @@ class PlannedZone(NamedTuple):
 
     @property
     def network(self) -> Network:
-        """The zone's network."""
         return self.worker.network
 
     def driving(self, step: int, inputs: Array) -> Array:

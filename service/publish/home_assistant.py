@@ -113,7 +113,6 @@ def _known(announcement: Announcement) -> Iterator[tuple[str, _Filled]]:
 
 
 def _about(index: int, output: str, count: int) -> dict[str, object]:
-    """What is filled in about one output of `count`."""
     alone = count == 1
     return {
         "index": index,
@@ -127,7 +126,6 @@ def _horizon(lead: int) -> dict[str, object]:
 
 
 def _written(entity: Mapping[str, Any], filled: _Filled) -> dict[str, Any]:
-    """The settings of an entity, everything filled in."""
     words = {name: Template(text).safe_substitute(filled) for name, text in _WORDS.items()}
     return {
         name: Template(value).substitute(words, **filled) if isinstance(value, str) else value

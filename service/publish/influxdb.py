@@ -183,7 +183,6 @@ class Writer(Sink):
             self._dropped += 1
 
     def _report(self, told: type[SourceError] | bool, sentence: str) -> None:
-        """Log `sentence` where it is not as it was."""
         if told is not self._told:
             _log.log(logging.INFO if told is True else logging.ERROR, "[influxdb]: %s", sentence)
         self._told = told

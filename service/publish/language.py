@@ -68,7 +68,6 @@ _Entries = tuple[tuple[re.Pattern[str], str], ...]
 
 
 def _said(entries: _Entries, text: str) -> str | None:
-    """`text` by its entry; None where there is none."""
     # Titles, and sentences that begin with a capital, are entries that do not.
     lower = text[:1].lower() + text[1:]
     for pattern, translated in entries:

@@ -95,7 +95,6 @@ class Publisher(Sink):
         return self
 
     def add(self, zone: str) -> None:
-        """Publish `zone` from now on."""
         with self._lock:
             self._described[zone] = set()
 

@@ -107,7 +107,6 @@ class Announcement:
         return told_in(language, self._rendered[topic]) if topic in _SPEAKING else self._rendered[topic]
 
     def _told(self, topic: str) -> Any:
-        """The record of `topic`."""
         if topic in ("skill", "trust", "ahead"):
             return getattr(self.reports, topic)
         if topic == "status":

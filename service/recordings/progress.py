@@ -39,7 +39,6 @@ class Kernels(Listener):
             self.seconds += 0.0 if self._depth else time.time() - self._began
 
     def close(self) -> None:
-        """Listen no more."""
         unregister(_COMPILER, self)
         unregister(_COMPILING, self)
 

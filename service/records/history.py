@@ -36,7 +36,6 @@ class HistoryRow:
 
     @classmethod
     def of(cls, update: Update) -> Self:
-        """The row of `update`."""
         score, volatility = update.score, update.volatility
         scored, alpha = (math.nan,) * 5, (math.nan,) * 4
         if score is not None:

@@ -31,7 +31,6 @@ class Measure(Collector):
         return cls(name, kind, text, tuple(labels), read)
 
     def collect(self) -> Iterable[Metric]:
-        """What it says now."""
         (found,) = self.describe()
         for labels, value in self.read():
             found.add_metric(labels, value)  # type: ignore[attr-defined]

@@ -62,7 +62,6 @@ class WeatherBook:
         self._newest: dict[str, WeatherForecast] = {}
 
     def put(self, source: str, forecast: WeatherForecast) -> None:
-        """`forecast` is what `source` says now."""
         # A dictionary that readers hold is not changed.
         self._newest = self._newest | {source: forecast}
 

@@ -41,8 +41,6 @@ _BLOCK = 2**20
 
 
 class _Content(BaseModel):
-    """A file in a backup."""
-
     size: NonNegativeInt
     sha256: str
 
@@ -308,7 +306,6 @@ def _read_manifest(archive: tarfile.TarFile, backup: Path) -> _Manifest:
 
 
 def _write(content: IO[bytes], target: Path) -> str:
-    """Write `content` to `target`, durably; its SHA-256."""
     digest = hashlib.sha256()
     # It tells when people are at home, and a configuration may hold passwords.
     with open(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:

@@ -78,7 +78,6 @@ class Database(ABC):
         """Close the connection; safe to call twice."""
 
     def take(self, cursor: Cursor, zone: str) -> None:
-        """Make `zone` one of this owner's."""
         return None
 
     def give_up(self, cursor: Cursor, zone: str) -> None:
@@ -90,7 +89,6 @@ class Database(ABC):
         return wanted
 
     def own_zones(self) -> list[str] | None:
-        """The zones that are this owner's; None: all."""
         return None
 
 

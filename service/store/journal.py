@@ -186,11 +186,9 @@ class Journal:
         self._ends.pop(zone, None)
 
     def is_forgotten(self, zone: str) -> bool:
-        """Whether `zone` is being forgotten."""
         return bool(self.read("SELECT 1 FROM forgotten WHERE zone = ?", zone))
 
     def forgot(self, zone: str) -> None:
-        """Nothing is left of `zone`."""
         self._write([zone], lambda cursor: cursor.execute("DELETE FROM forgotten WHERE zone = ?", zone))
 
     def give_up(self, zone: str) -> None:

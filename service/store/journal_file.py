@@ -112,8 +112,6 @@ class JournalFile(Database):
 
 
 class _Cursor:
-    """What a transaction works with."""
-
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._cursor = connection.cursor()
 
@@ -130,7 +128,6 @@ class _Cursor:
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Which file `path` is; None if there is none."""
     try:
         status = path.stat()
     except OSError:

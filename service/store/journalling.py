@@ -80,7 +80,6 @@ class JournalStore(ABC):
         await self._committed(zone)
 
     async def _committed(self, zone: str) -> None:
-        """What came of `zone` is durable."""
         if self._commit is None:
             self._commit = asyncio.create_task(self._commit_accepted())
         # One zone that is stopped must not take the commit of the others with it.

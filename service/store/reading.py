@@ -5,6 +5,7 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from service.errors import JournalError, ServiceError
 from service.store.checkpoint import Checkpoint, Checkpoints, CheckpointStore
@@ -16,16 +17,15 @@ from service.store.store import CHECKPOINTS, JOURNAL
 _log = logging.getLogger(__name__)
 
 
-class StoredState:
+class StoredState(NamedTuple):
     """Journal and checkpoints, only read, without a transaction, for which the daemon's log would grow."""
 
-    def __init__(self, journal: Journal, checkpoints: Checkpoints) -> None:
-        self.journal = journal
-        self._checkpoints = checkpoints
+    journal: Journal
+    checkpoints: Checkpoints
 
     def checkpoint(self, zone: str, fingerprint: str) -> Checkpoint | None:
         """The newest sound checkpoint of `zone` that belongs to `fingerprint`; None if there is none."""
-        found = self._checkpoints.newest(zone)
+        found = self.checkpoints.newest(zone)
         sound = None if found is None else found.checkpoint
         return sound if sound is not None and sound.fingerprint == fingerprint else None
 

@@ -93,7 +93,6 @@ def _mean(buckets: Buckets) -> Array:
 
 
 def _placed(times: npt.NDArray[np.int64], own: npt.NDArray[np.int64], values: Array) -> Array:
-    """`values` at their `own` times among `times`."""
     placed = np.full((len(times), values.shape[1]), np.nan)
     placed[np.searchsorted(times, own)] = values
     return placed

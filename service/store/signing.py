@@ -37,7 +37,6 @@ def is_signed(statement: bytes, signed: str, key: Ed25519PublicKey) -> bool:
 
 
 def _loaded(file: Path, load: Callable[[bytes], object]) -> object:
-    """The key in a file; None where there is none."""
     try:
         return load(file.read_bytes())
     except OSError as error:

@@ -117,7 +117,6 @@ class RequireKey:
         return caller
 
     def _known(self, connection: Connection) -> Caller:
-        """Who asks for what is open."""
         try:
             if self._keys is None or not self._keys.in_force:
                 return ANYBODY

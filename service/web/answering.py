@@ -78,7 +78,6 @@ def streamed(events: AsyncIterator[bytes]) -> Response:
 
 
 def json_answer(content: bytes) -> Response:
-    """JSON that is written already."""
     return Response(content, media_type="application/json")
 
 
@@ -99,7 +98,6 @@ def newest(zone: ZoneView) -> Update:
 
 
 def no_forecast(zone: ZoneView) -> RequestRefused:
-    """The refusal of a zone that has no forecast now."""
     status = zone.now().status
     sentence = f"zone '{zone.id}' has no forecast now ({status.state}): {status.reason or 'no sample yet'}"
     retry = max(1, min(RETRY_SECONDS, math.ceil(zone.period)))

@@ -34,7 +34,6 @@ class Guard:
     """Middleware that turns away what is too large or meant for another host, and adds HEADERS to every answer."""
 
     def __init__(self, app: ASGIApp, config: HttpConfig, answers: Counter[str] | None = None) -> None:
-        """Counts in `answers` by status."""
         self._app = app
         self._answers: Counter[str] = Counter() if answers is None else answers
         self._limits = config.limits

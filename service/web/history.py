@@ -36,5 +36,4 @@ async def written(site: str, zone: ZoneView, start: int | None, end: int | None,
 
 
 def history_of(zone: ZoneView, rows: Sequence[HistoryRow]) -> History:
-    """`rows` of the history of `zone`."""
     return History(zone.network.measured[0], zone.period, tuple(rows))

@@ -97,7 +97,6 @@ class _Queue:
 
     @asynccontextmanager
     async def turn(self, client: str) -> AsyncIterator[None]:
-        """As of Limiter."""
         self._admit(client)
         turn = self._turns.setdefault(client, asyncio.Semaphore(self._limit.of_one))
         self.open[client] += 1

@@ -150,7 +150,6 @@ def _current(view: ZoneView, payload: Forecasted) -> Forecasted:
 
 
 async def _fan(view: ZoneView, request: ForecastRequest) -> Fan:
-    """The forecast of the one zone of `request` under its one plan."""
     (fan,) = await forecasts(request, request.plans[0])
     if fan is None:
         raise no_forecast(view)

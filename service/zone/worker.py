@@ -86,7 +86,6 @@ class Standing(NamedTuple):
 
     @property
     def day(self) -> Day:
-        """The inputs of the last day."""
         return self.carried.day
 
 
@@ -124,7 +123,6 @@ class ZoneWorker:
 
     @property
     def network(self) -> Network:
-        """The zone's network."""
         return self.estimator.network
 
     @property

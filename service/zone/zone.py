@@ -91,7 +91,6 @@ class Zone:
         """When the next checkpoint is due, monotonic s."""
 
     def now(self) -> ZoneState:
-        """What is known of the zone now."""
         return ZoneState.of(self._status(), self.worker.latest, self.worker.trust)
 
     def _status(self) -> ZoneStatus:

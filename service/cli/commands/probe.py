@@ -171,7 +171,6 @@ def probe_table(probes: Iterable[Probe], units: Mapping[str, str], now: float) -
 
 
 def _age(seconds: float) -> str:
-    """An age in the unit that suits it."""
     for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if seconds >= 2 * length:
             return f"{seconds / length:.0f} {unit}"

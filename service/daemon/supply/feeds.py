@@ -40,7 +40,6 @@ class Feed:
 
     @property
     def served(self) -> tuple[str, ...]:
-        """The zones it delivers to."""
         return self._router.zones
 
     @property

@@ -35,7 +35,6 @@ class FleetCollector(Collector):
 
 
 async def _asked(shards: Sequence[Peer]) -> dict[str, list[Metric]]:
-    """What the shards that answer have."""
 
     async def one(shard: Peer) -> list[Metric] | None:
         try:

@@ -37,7 +37,6 @@ class ShardView:
         self.refused: Mapping[str, str] = {}
 
     def heard(self, news: News) -> None:
-        """The shard has answered."""
         self.heard_at = time.monotonic()
         self.refused = news.refused
 
@@ -80,7 +79,6 @@ class RemoteZone:
         return ZoneState.of(state, update, trust)
 
     async def ask(self, question: Question[Answer]) -> Answer:
-        """The answer to a question, computed by the shard."""
         return await self._ask("ask", question)
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:

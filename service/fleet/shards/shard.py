@@ -96,7 +96,6 @@ class Shard(Member):
             client.gone.set()
 
     async def metrics(self) -> list[Metric]:
-        """Every metric of the shard as it is now."""
         registry = self._working().site.metrics.registry
         return await asyncio.to_thread(lambda: list(registry.collect()))
 

@@ -162,7 +162,6 @@ class PostgresDatabase(Database):
         raise AssertionError("the last attempt returns or raises")
 
     def _connected(self) -> Any:
-        """The connection, which is made if there is none."""
         if self._open is None:
             if time.monotonic() < self._not_before:
                 raise JournalError(self.trouble or f"{self.place} failed")
@@ -206,8 +205,6 @@ class PostgresDatabase(Database):
 
 
 class _Cursor:
-    """What a transaction works with."""
-
     def __init__(self, cursor: Any) -> None:
         self._cursor = cursor
 

@@ -46,7 +46,6 @@ async def series(
 
 
 def _payload(zone: ZoneView, start: int, end: int, series: Series) -> SeriesPayload:
-    """`series` of `zone` over [start, end), UTC s."""
     means = {name: _numbers(column) for name, column in series.means.items()}
     known, told = (np.isfinite(series.means[name]).any() for name in (GAIN[1], "setpoint"))
     units = [(channel, zone.network.channel_unit(channel)) for channel in zone.network.inputs]

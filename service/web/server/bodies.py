@@ -31,7 +31,6 @@ class GatherBody:
     else into memory; RequestRefused if it is too large, has too much in it, or finds no room."""
 
     def __init__(self, app: ASGIApp, limit: int) -> None:
-        """`limit` of one body in bytes."""
         self._app = app
         self._limit = limit
         self._held: Counter[str] = Counter()

@@ -52,7 +52,6 @@ class Parser(h11.Connection):
         self._chunks = self._received = 0
 
     def next_event(self) -> h11.Event | type[h11.NEED_DATA] | type[h11.PAUSED]:
-        """As of h11.Connection."""
         event = super().next_event()
         if isinstance(event, h11.Request):
             self._chunks = self._received = 0
@@ -168,7 +167,6 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
         self._progress = self.loop.time()
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """Where the transport is to read to."""
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:

@@ -9,8 +9,6 @@ from starlette.types import ASGIApp, Message
 
 
 class Answer(NamedTuple):
-    """What the application answered."""
-
     status: int
     body: bytes
 

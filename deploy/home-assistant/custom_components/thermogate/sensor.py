@@ -160,8 +160,6 @@ async def async_setup_entry(hass: HomeAssistant, entry: ConfigEntry, async_add_e
 
 
 class ZoneSensor(CoordinatorEntity[Coordinator], SensorEntity):
-    """One sensor of one room."""
-
     _attr_has_entity_name = True
     _unrecorded_attributes = frozenset({"fan", "to_do", "answers"})
     entity_description: Described

@@ -101,7 +101,6 @@ _SERVICES: dict[str, tuple[Asked, dict[vol.Marker, Any]]] = {
 
 
 def register(hass: HomeAssistant) -> None:
-    """Register all services."""
     for name, (asked, fields) in _SERVICES.items():
 
         async def handle(call: ServiceCall, asked: Asked = asked) -> Answer:
