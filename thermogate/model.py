@@ -39,7 +39,7 @@ from service.records.fan import CompactOutputPayload, Fan
 from service.records.outlook import SET_POINTS
 from service.records.skill import Skill
 from service.records.view import Answer, Question
-from service.zone.foresight.outlook import NO_WEATHER
+from service.zone.foresight import NO_WEATHER
 from thermogate import plots
 from thermogate.arguments import items, plain
 from thermogate.files import write_model

@@ -17,7 +17,7 @@ def main() -> None:
     from service.forecast.request import detail
     from service.store.reading import read_state
     from service.zone import snapshot
-    from service.zone.foresight.outlook import NO_WEATHER
+    from service.zone.foresight import NO_WEATHER
 
     with tempfile.TemporaryDirectory() as folder:
         with in_background(partial(live, Demo(Path(folder), pace=60.0))) as (path, _):

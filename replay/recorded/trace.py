@@ -26,7 +26,7 @@ from service.records.series import GAIN
 from service.records.skill import Skill
 from service.records.trust import Trust
 from service.records.update import Update
-from service.zone.foresight.outlook import NO_WEATHER
+from service.zone.foresight import NO_WEATHER
 from service.zone.worker import ZoneWorker
 
 LEVELS = (0.025, 0.5, 0.975)

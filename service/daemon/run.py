@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Coroutine, Sequence
 from contextlib import AsyncExitStack
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 from adapters.cancelling import in_thread
 from service.config.kept import keep_configuration
@@ -32,10 +32,9 @@ from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.errors import CertificateError, ConfigError, ReloadRefused
 from service.publish.sinks import Sink
 from service.store.audit import AUDIT, about
+from service.store.database import Result
 from service.store.store import Store
 from service.web.measures import http_measures
-
-Result = TypeVar("Result")
 
 _log = logging.getLogger(__name__)
 

@@ -125,7 +125,7 @@ class FixedRoom:
 def _inputs(zone: PlannedZone, weather: Weather, neighbours: Mapping[str, Neighbour]) -> Outlook:
     """The inputs of the steps: as planned, otherwise those of the neighbours, otherwise as foreseen."""
     standing, planned, grid = zone.standing, zone.planned, zone.grid
-    foreseen = zone.worker.foresight.outlook(standing.update.forecast, standing.day, grid.steps, weather)
+    foreseen = zone.worker.outlook(standing, grid.steps, weather)
     rows, origins, own = foreseen.rows.copy(), list(foreseen.origins), Shares.of(zone.worker).medians
     for place, channel in enumerate(zone.network.inputs):
         if channel in planned:

@@ -259,7 +259,7 @@ class _Futures:
         """The set-point now [degC]."""
         self.grid = self._zone.grid
         self._shares, self._columns = Shares.of(worker), thermostat.laws.column.astype(np.int64)
-        outlook = worker.foresight.outlook(standing.update.forecast, standing.day, steps, weather)
+        outlook = worker.outlook(standing, steps, weather)
         self._ahead, self._given_up = self._zone.ahead(outlook), given_up
 
     @property

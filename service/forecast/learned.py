@@ -151,7 +151,7 @@ def _known_heat(worker: ZoneWorker, standing: Standing, weather: Weather, respon
     if not response.shape[1]:
         return np.empty((0, len(response)))
     forecast = standing.update.forecast
-    rows = worker.foresight.outlook(forecast, standing.day, steps * periods, weather).rows
+    rows = worker.outlook(standing, steps * periods, weather).rows
     times = forecast.valid_time + worker.period * np.arange(len(rows), dtype=np.float64)
     known = worker.loop.driving(times, rows)[:, rows.shape[1] :].reshape(steps, periods, -1).mean(axis=1)
     return np.asarray(known @ response.T, dtype=np.float64)

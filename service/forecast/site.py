@@ -3,7 +3,6 @@
 import asyncio
 import os
 from collections.abc import Mapping, Sequence
-from typing import TypeVar
 
 from service.errors import Away, NoLaw, NoModel, ServiceError
 from service.forecast.coupling import Member, coupled
@@ -11,12 +10,10 @@ from service.forecast.engine import FanQuestion, Neighbour, PartQuestion
 from service.forecast.plan import Plan
 from service.forecast.request import Detail, ForecastRequest, detail, levels_of, plannable, steps_of
 from service.records.fan import Fan
-from service.records.view import Question, ZoneView
+from service.records.view import Answer, Question, ZoneView
 
 _AT_ONCE = 2 * (os.cpu_count() or 1)
 """Zones of a request that are asked at once: enough for every processor to have one that is next."""
-
-Answer = TypeVar("Answer")
 
 
 def neighbourhood(asked: Sequence[ZoneView], zones: Mapping[str, ZoneView]) -> list[ZoneView]:

@@ -3,15 +3,11 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
 from adapters.reading import Quality
 from adapters.units import Affine
 from adapters.weather.forecast import WeatherForecast
+from estimator.arrays import Array
 from service.records.record import Number, record, shown
-
-Array = npt.NDArray[np.float64]
 
 SET_POINTS = "T_set"
 """What a plan of set-points [degC] is called, of a zone with a set-point whose network has no input of that name."""

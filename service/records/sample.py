@@ -3,12 +3,8 @@
 import math
 from typing import NamedTuple, Self
 
-import numpy as np
-import numpy.typing as npt
-
 from adapters.reading import Quality
-
-Array = npt.NDArray[np.float64]
+from estimator.arrays import Array
 
 
 class Sample(NamedTuple):

@@ -2,10 +2,7 @@
 
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
-Array = npt.NDArray[np.float64]
+from estimator.arrays import Array, Indices
 
 GAIN = ("gain_lower", "gain_median", "gain_upper")
 COLUMNS = ("y", "mean", "lower", "upper", "alpha_median", "gate", *GAIN, "setpoint")
@@ -23,7 +20,7 @@ class Series(NamedTuple):
     """
 
     bucket: int
-    times: npt.NDArray[np.int64]
+    times: Indices
     """(n,) UTC s, when each bucket begins."""
     means: dict[str, Array]
     y_low: Array

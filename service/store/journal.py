@@ -10,17 +10,17 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from math import inf
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from adapters.reading import Reading
+from estimator.arrays import Array, Indices
 from service.errors import Fenced, JournalError
 from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.sample import Sample
 from service.records.update import Update
-from service.store.database import Cursor, Database
+from service.store.database import Cursor, Database, Result
 from service.store.journal_file import JournalFile
 from service.store.journal_rows import (
     HistoryReader,
@@ -46,10 +46,8 @@ _EARLIEST = -(2**63)
 ROWS = ("samples", "history", "readings")
 """The tables with rows of zones at times."""
 
-Columns = tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], int | None]
+Columns = tuple[Indices, Array, int | None]
 """Times [UTC s] (n,), values (n, m), and where the next page begins; None: there is none."""
-
-Result = TypeVar("Result")
 
 _COLUMNS = ", ".join(HISTORY_COLUMNS)
 _SAMPLES = "samples (zone, time, outputs, inputs, output_quality, input_quality, setpoint, link)"

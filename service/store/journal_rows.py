@@ -11,13 +11,13 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from adapters.reading import Quality, Reading
+from estimator.arrays import Array, Indices
 from service.errors import JournalError, reset_by_run
 from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.record import values
-from service.records.sample import Array, Sample
+from service.records.sample import Sample
 
 Accepted = tuple[str, int, bytes, bytes, str, str, float | None]
 """zone, time, outputs, inputs, output_quality, input_quality, setpoint."""
@@ -128,7 +128,7 @@ class HistoryReader:
             found.append(HistoryRow(**(cells | {"resampled": bool(cells["resampled"])})))
         return found
 
-    def table(self, zone: str, rows: Iterable[Sequence[Any]]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    def table(self, zone: str, rows: Iterable[Sequence[Any]]) -> tuple[Indices, Array]:
         """The same as times (n,), and all columns (n, m)."""
         sound = [row[:-1] for row in self._sound(zone, rows)]
         table = np.array(sound, dtype=np.float64).reshape(len(sound), len(HISTORY_COLUMNS))

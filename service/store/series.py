@@ -3,10 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from estimator.arrays import Array, Indices
 from service.records.history import HISTORY_COLUMNS
-from service.records.series import COLUMNS, Array, Series, Stretch
+from service.records.series import COLUMNS, Series, Stretch
 from service.store.journal import Journal
 
 _INDEX = {name: index for index, name in enumerate(HISTORY_COLUMNS)}
@@ -17,7 +17,7 @@ _MEANS = [_INDEX[name] for name in COLUMNS]
 class Buckets(NamedTuple):
     """Partial results by bucket: begin [UTC s] (n,), sums and counts (n, m), lowest and highest (n, k)."""
 
-    times: npt.NDArray[np.int64]
+    times: Indices
     sums: Array
     counts: Array
     low: Array
@@ -43,7 +43,7 @@ def inputs_page(journal: Journal, wanted: Stretch, start: int) -> tuple[Buckets,
     return reduced(times, inputs, inputs[:, :0], inputs[:, :0], wanted.bucket), following
 
 
-def reduced(times: npt.NDArray[np.int64], values: Array, low: Array, high: Array, bucket: int) -> Buckets:
+def reduced(times: Indices, values: Array, low: Array, high: Array, bucket: int) -> Buckets:
     """Samples at ascending `times` (n,) in buckets: sums and counts of `values` (n, m), extremes of `low` and `high`
     (n, k)."""
     known = np.isfinite(values).astype(np.float64)
@@ -92,7 +92,7 @@ def _mean(buckets: Buckets) -> Array:
     return np.where(known, buckets.sums / np.where(known, buckets.counts, 1.0), np.nan)
 
 
-def _placed(times: npt.NDArray[np.int64], own: npt.NDArray[np.int64], values: Array) -> Array:
+def _placed(times: Indices, own: Indices, values: Array) -> Array:
     placed = np.full((len(times), values.shape[1]), np.nan)
     placed[np.searchsorted(times, own)] = values
     return placed

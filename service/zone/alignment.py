@@ -10,8 +10,9 @@ import numpy as np
 from adapters.reading import Fault, Quality, Reading
 from adapters.timestamps import EARLIEST, LATEST
 from adapters.units import default_valid_range
+from estimator.arrays import Array
 from estimator.network.network import Network
-from service.records.sample import Array, Sample
+from service.records.sample import Sample
 from service.zone.aggregation import AGGREGATES, Aggregate, Span, default_aggregate
 
 SETPOINT = "setpoint"

@@ -6,10 +6,10 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Executor
-from typing import TypeVar
 
 from service.errors import ServiceError, TooManyQuestions
 from service.records.asker import current_asker
+from service.records.view import Answer
 
 THREADS = 3
 """How many are answered at a time."""
@@ -19,8 +19,6 @@ WAITING = 256
 """How many questions of all clients wait or are answered at most."""
 WAITING_OF_ONE = 32
 """The same of one client."""
-
-Answer = TypeVar("Answer")
 
 
 class Questions:

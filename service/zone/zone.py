@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from math import inf
-from typing import TypeVar
 
 from adapters.reading import Reading
 from estimator.types import ALPHA_LEVELS
@@ -21,8 +20,9 @@ from service.records.sample import Sample
 from service.records.series import Series, Stretch
 from service.records.status import Busy, ZoneState, ZoneStatus
 from service.records.update import Update
-from service.records.view import Question
+from service.records.view import Answer, Question
 from service.store.checkpoint import Checkpoint
+from service.store.database import Result
 from service.store.series import bucket_of
 from service.zone import snapshot
 from service.zone.alignment import Alignment
@@ -39,9 +39,6 @@ ATTEMPTS = 3
 
 _SET_BACK = "the clock of this machine was set back; waiting for the next sample"
 _HOUR = 3600
-
-Answer = TypeVar("Answer")
-Result = TypeVar("Result")
 
 _log = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from estimator.types import Estimator, Mixture
 from service.forecast.engine import FanQuestion
 from service.forecast.plan import Inputs
 from service.forecast.request import detail
-from service.zone.foresight.outlook import NO_WEATHER
+from service.zone.foresight import NO_WEATHER
 from service.zone.worker import ZoneWorker
 
 

@@ -18,7 +18,7 @@ from service.forecast.request import FEWEST_DRAWS, Detail
 from service.records.fan import Fan
 from service.records.outlook import SET_POINTS
 from service.records.sample import Sample
-from service.zone.foresight.outlook import NO_WEATHER
+from service.zone.foresight import NO_WEATHER
 from service.zone.worker import WorkerSettings, ZoneWorker
 
 LIVE, SCHEDULED = "live", "scheduled"

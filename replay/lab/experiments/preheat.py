@@ -20,7 +20,7 @@ from replay.localtime import DAY, HOUR
 from replay.reports.kit.report import Report
 from service.errors import NoLaw
 from service.forecast.heating import PreheatQuestion
-from service.zone.foresight.outlook import NO_WEATHER
+from service.zone.foresight import NO_WEATHER
 
 PROBABILITY, TOLERANCE = 0.9, 0.5
 MORNINGS, STARTS, IN_TIME, BEEN, PROMISED, EARLY = (

@@ -23,7 +23,7 @@ from replay.scores.intervals import rmse
 from service.errors import NoLaw
 from service.forecast.answers import Range
 from service.forecast.heating import CompareQuestion, Course, DemandQuestion
-from service.zone.foresight.outlook import NO_WEATHER
+from service.zone.foresight import NO_WEATHER
 
 SETBACK = 2.0
 """K."""

@@ -3,7 +3,7 @@
 import asyncio
 import time
 from collections.abc import Mapping
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 from service.config.site import ZoneConfig
 from service.errors import ServiceError
@@ -15,9 +15,7 @@ from service.records.outlook import Surroundings
 from service.records.series import Series
 from service.records.status import ZoneState, ZoneStatus
 from service.records.trust import Trust
-from service.records.view import Question
-
-Answer = TypeVar("Answer")
+from service.records.view import Answer, Question
 
 ANSWER_SECONDS = 60.0
 """How long a question to a zone may take."""

@@ -8,7 +8,8 @@ import numpy as np
 from fastapi import APIRouter, Query
 
 from adapters.fields.times import utc
-from service.records.series import GAIN, Array, Series
+from estimator.arrays import Array
+from service.records.series import GAIN, Series
 from service.records.view import ZoneView
 from service.web.answering import route
 from service.web.models import Instant

@@ -12,7 +12,7 @@ from service.forecast.engine import FixedRoom, Neighbour, Part
 from service.forecast.request import FEWEST_DRAWS, MAX_STEPS, MOST_AT_ONCE, MOST_DRAW_STEPS, detail
 from service.records.outlook import InputOrigin, Outlook
 from service.records.record import values
-from service.zone.foresight.outlook import NO_WEATHER
+from service.zone.foresight import NO_WEATHER
 from service.zone.worker import ZoneWorker
 
 ESTIMATORS = ("rbpf", "ekf", "ukf", "mkf", "bank", "arx", "daily")

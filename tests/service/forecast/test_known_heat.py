@@ -45,7 +45,7 @@ def test_matrices_have_the_measured_inputs_and_known_heat_beside_them(worker: Zo
     # Simulated with it, the mean model goes where it goes under the whole drive rows.
     drawn = worker.estimator.draws(standing.state, 16)
     assert drawn is not None
-    rows = worker.foresight.outlook(standing.update.forecast, standing.day, 3).rows
+    rows = worker.outlook(standing, 3).rows
     times = standing.update.forecast.valid_time + PERIOD * np.arange(3.0)
     expected = mean_path(of_point(drawn, PERIOD, 1), worker.loop.driving(times, rows))[-1]
     state = model.mean.A @ model.mean.state + model.mean.B @ rows.mean(axis=0) + model.known_heat[0]
@@ -72,7 +72,7 @@ def test_a_simulation_step_by_step_is_driven_as_a_plan_is(worker: ZoneWorker) ->
     drawn = worker.estimator.draws(standing.state, 8)
     assert drawn is not None
     models, first = of_draws(drawn, PERIOD, 1), float(standing.update.forecast.valid_time)
-    rows = worker.foresight.outlook(standing.update.forecast, standing.day, 12).rows
+    rows = worker.outlook(standing, 12).rows
 
     def driving(step: int, inputs: np.ndarray) -> np.ndarray:
         return worker.loop.driving(np.array([first + PERIOD * step]), inputs[None])[0]

@@ -46,8 +46,8 @@ def fed(zone, steps, first=0, colder=0.0):
 
 
 def seen(zone, steps, weather=None):
-    update, day = zone.standing.update, zone.standing.day
-    outlook = zone.foresight.outlook(update.forecast, day, steps, *([] if weather is None else [weather]))
+    update = zone.standing.update
+    outlook = zone.outlook(zone.standing, steps, *([] if weather is None else [weather]))
     columns = {name: outlook.rows[:, column] for column, name in enumerate(NET.inputs)}
     times = update.forecast.valid_time + PERIOD * np.arange(steps)
     return times, columns, {origin.channel: origin for origin in outlook.origins}

@@ -1,1 +1,0 @@
-"""What a zone makes of its inputs to come where no plan says."""
