@@ -18,7 +18,6 @@ from thermogate.settings import Settings
 OUTCOMES = (STARTED, *map(str, Outcome))
 REGIMES = (CONSTANT, "low", "transitional", "high")
 """What the numbers under "outcome" and "regime" stand for."""
-
 SCORED = ("mean", "sd", "lower", "upper", "residual")
 ALPHA = ("lower", "median", "upper", "cdf")
 BOUNDS = ("lower", "median", "upper")

@@ -12,7 +12,6 @@ from adapters.fields.values import FilePath, Positive, PositiveDuration, text, w
 SHORTEST_LEASE = 2.0
 LONGEST_LEASE = 60.0
 MOST_SHARDS = 4096
-
 _SECRETS = frozenset({"password", "sslpassword"})
 """Parameters of an address that hold a secret."""
 

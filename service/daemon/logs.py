@@ -28,7 +28,6 @@ from service.errors import one_line
 from service.store.audit import AUDIT, Trail
 
 WINDOW_SECONDS = 60.0
-
 AUDITED_LINES = 2
 """Lines a minute of one event about one client in the audit trail."""
 THINGS_PER_TEMPLATE = 20
@@ -40,7 +39,6 @@ _Kind = tuple[object, ...]
 """A message template, or one about one thing."""
 
 _LEFT_OUT = "%d more like this were left out: %s"
-
 _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
 """Levels as syslog counts them; what is less is 7."""
 

@@ -16,7 +16,6 @@ from pathlib import Path
 _TRIM_THRESHOLD, _TOP_PAD, _MMAP_THRESHOLD = -1, -2, -3
 _LARGEST_MMAP_THRESHOLD = 32 << 20
 _KEPT = 1 << 30
-
 _COLLECT_AFTER_WHILE_STARTING = (50_000, 10, 10)
 """Importing makes hardly any garbage; looking for it every 700 objects took a twelfth of the time of a start."""
 _COLLECT_AFTER = (5000, 10, 1000)

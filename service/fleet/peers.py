@@ -28,7 +28,6 @@ GATEWAY = "gateway-"
 """What the name of every gateway begins with."""
 ANSWER_SECONDS = 5.0
 """How long a sign of life may take."""
-
 _PLAN = b"plan"
 _SHARD = "service.fleet.shards.shard:Shard"
 _GATEWAY = "service.fleet.gateways.gateway:Gateway"

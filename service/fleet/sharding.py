@@ -20,7 +20,6 @@ Hashes = npt.NDArray[np.uint64]
 
 _POLLED = ("modbus", "bacnet", "opcua")
 """Kinds of sources whose devices bear one process that polls them."""
-
 _FAR_MORE = 1.5
 
 

@@ -31,7 +31,6 @@ STOP_SECONDS = 30.0
 """How long an orderly stop waits for each kind of member."""
 FORGIVEN = 600.0
 """s that a member may start, and after which, without another ending, it counts as one that never hung."""
-
 _ANEW = "stop the fleet and start it again"
 _KEPT_TABLES = ("site", "http", "zenoh", "fleet")
 """Tables of which the members go by what they were started with."""

@@ -28,7 +28,6 @@ EVERY = 300
 """s on the clock of a zone from one look ahead to the next, at least."""
 SHARE = 0.25
 """Share of the time in which looks ahead are under way, at most: of many zones, or of fast ones, each is rarer."""
-
 LEVEL = 0.95
 PROBABILITY = 0.9
 """Of being warm when the set-point rises."""

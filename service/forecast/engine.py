@@ -27,7 +27,6 @@ from service.records.update import Update
 from service.zone.worker import ZoneWorker
 
 GIVEN_UP = "the forecast was given up because the daemon is stopping, or nobody waits for it"
-
 ROOM_DRAWS = 32
 """Draws whose mean stands for a room that is simulated with its neighbours."""
 _AT_ONCE = 100

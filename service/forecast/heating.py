@@ -31,7 +31,6 @@ COLD = 0.5
 """K below a set-point from which on a room counts as too cold."""
 _SWING = 2 * 3600.0
 """s in which a room is warm once under a thermostat that lets it swing around its set-point."""
-
 _LEVELS = np.array([0.025, 0.975])
 _HOUR = 3600.0
 _PAIRED = 4000

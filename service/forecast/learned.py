@@ -27,7 +27,6 @@ from service.records.skill import Skill
 from service.zone.worker import Standing, ZoneWorker
 
 _DAY = 86400
-
 GAIN = "gain"
 """The state that is the unmeasured gain."""
 

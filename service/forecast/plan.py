@@ -15,7 +15,6 @@ from service.records.outlook import SET_POINT_RANGE, SET_POINTS
 
 EVERY_ZONE = "*"
 """Stands for every zone that has the input, in a plan."""
-
 _ROUNDING = 1e-6
 _DEAREST = 1e9
 """For a kWh: no currency has prices like this."""

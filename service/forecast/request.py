@@ -28,7 +28,6 @@ MOST_AT_ONCE = 3_000_000
 """Draws times steps of one forecast: they are what takes memory."""
 FEWEST_DRAWS = 1000
 """Draws that a forecast may always have."""
-
 _ROUNDING = 1e-6
 
 

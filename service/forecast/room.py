@@ -48,7 +48,6 @@ MOST = 3
 """Things to do that are shown."""
 _TOLD = 1.0
 """h too cold or too warm of which the longest stretch is told."""
-
 _HOUR, _DAY, _WEEK = 3600.0, 86400.0, 7 * 86400.0
 _COOLING = 6
 """h over which a room is left to cool down."""
@@ -480,7 +479,6 @@ _FROM_FINDINGS = dict.fromkeys(kinds.TELEMETRY, -1) | {
     kinds.MISSES_SOMETHING: 5,
 }
 """Findings that call for something to be done, and how urgent that is; the others are for who reads parameters."""
-
 _NO_CONTROLLER = "do not let a controller rely on the forecasts yet"
 
 

@@ -17,13 +17,11 @@ from service.publish.sinks import Announcement
 
 SKILL_DAYS = 7
 """The window whose skill is shown: long enough to be steady, short enough to notice a change."""
-
 _ENTITIES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 _WORDS: Mapping[str, str] = _ENTITIES.pop("words")
 _NAMED: Catalogue = ("service.publish", "home_assistant-{language}.json")
 _ALWAYS = ("status", "trust", "skill")
 """Entities that say something of a zone that vouches for nothing, too."""
-
 _RUNNING = "{{ 'online' if value_json.state == 'running' else 'offline' }}"
 
 _Filled = Mapping[str, object]

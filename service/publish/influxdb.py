@@ -28,7 +28,6 @@ MOST_WAITING = 16 * 2**20
 """Bytes of documents that wait for the database at most."""
 _AT_ONCE = 2**20
 """Bytes of documents in one request, and one document more."""
-
 _FIRST_PAUSE, _LONGEST_PAUSE = 1.0, 60.0
 _CLOSE_SECONDS = 2.0
 

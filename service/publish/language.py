@@ -20,7 +20,6 @@ _SENTENCES = ("sentence", "reason", "beaten", "what", "why")
 """Keys of documents whose values are sentences."""
 _REMEMBERED = 2000
 """Sentences: a thousand rooms say much the same."""
-
 _DECIMAL = r"(?<![\w./])(\d+)\.(\d+(?:e[+-]?\d+)?)(?![\w/]|\.\d)"
 _GAP = re.compile(r"\{\{|\}\}|\{(\w+)\}")
 

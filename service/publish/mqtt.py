@@ -26,7 +26,6 @@ from service.records.measures import Measure, single
 ONLINE, OFFLINE = b"online", b"offline"
 CLEARED = b""
 """An empty retained message makes the broker forget the topic."""
-
 FIRST_PAUSE = 1.0
 LONGEST_PAUSE = 30.0
 

@@ -30,7 +30,6 @@ _VOLATILITY = "null where the estimator has no volatility (ekf, ukf)"
 _QUALITY = "whether inputs and measurements arrived: the worst of the inputs' and what became of the last sample"
 _SUSPECTED = "findings about what arrived, which is not to be believed while there are any"
 _LEVELS = "levels of lower, median and upper"
-
 AHEAD_STEP = 1800
 """s from one value of the fan that is published to the next."""
 SHORT_PERIOD, USUAL_PERIOD = 30.0, 300

@@ -27,7 +27,6 @@ from service.records.measures import Measure, Rows, single
 
 _POLL_SECONDS = 0.02
 _CLOSE_SECONDS = 1.0
-
 QUESTIONS = ("fan", "plan", "model", "parameters", "preheat", "demand", "what-if")
 """What a zone answers on a key of its own: the fan, the fan under a plan that is the payload, the model, and the
 parameters."""

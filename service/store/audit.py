@@ -18,7 +18,6 @@ from adapters.fields.times import written_to_the_millisecond
 from service.store.ownership import as_owner_of, open_plain
 
 TRAIL, OLDER = "audit.jsonl", "audit.1.jsonl"
-
 LARGEST = 2**25
 """Bytes from which a new file is begun; the one before it is kept, the one before that is not."""
 AUDIT = logging.getLogger("audit")

@@ -30,11 +30,9 @@ BEGINNING = 0
 """The step of a checkpoint before every sample: what a zone begins with."""
 KEPT = 3
 """Checkpoints of a zone that stay."""
-
 _HEADER = "header"
 _DIGEST = "digest"
 _ARRAY = "array."
-
 DAMAGE = (
     zipfile.BadZipFile,
     OSError,

@@ -24,7 +24,6 @@ from service.store.series import Buckets, history_page, inputs_page, joined, ser
 
 _BETWEEN_SLICES = 0.02
 """Pause between two slices of pruning, in s: other work of the journal's thread comes first."""
-
 _DONE = object()
 
 _log = logging.getLogger(__name__)

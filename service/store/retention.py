@@ -25,9 +25,7 @@ SET = HOUR
 """s by which the wall clock differs from one that nobody sets, where it was set."""
 _BEGIN = 0.95
 """From which part of the limit on there is shrinking, so that the limit itself is not reached between two looks."""
-
 _TOLD = 5
-
 _ALWAYS = 2**62
 """Later than every sample."""
 FOREVER = float(_ALWAYS)

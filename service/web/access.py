@@ -22,7 +22,6 @@ from service.web.server.refusal import RequestRefused
 
 OPEN_PATHS = ("/", "/docs", "/openapi.json", "/healthz")
 """Answered without a key: pages and documentation, which hold nothing of the site, and whether the process is alive."""
-
 ADMIN_PREFIX = "/admin"
 OF_ZONES = ("zones", "overview", "forecasts")
 """How the paths begin that a key for some zones may ask for; their answers are about zones that the caller sees."""
@@ -32,11 +31,9 @@ MOST_NAMES = 20
 """Zones that an answer names at most; how many there are is told too."""
 HOLD_SECONDS = 1.0
 """How long a wrong key waits for its answer where there were too many."""
-
 KEYS_RETRY_SECONDS = 10
 
 _REALM = 'Bearer realm="thermogate"'
-
 ANYBODY = Caller(name="anybody")
 """Who asks without a key while none is in force."""
 NOBODY = Caller(name="nobody", zones=())

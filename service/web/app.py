@@ -38,7 +38,6 @@ _DESCRIPTION = """Calibrated temperature forecasts, volatility and learning gate
 
 Times are RFC 3339 in UTC and must carry a zone in requests. Temperatures are in degC, their differences and standard
 deviations in K. A number that is not finite is null. Errors are application/problem+json (RFC 9457)."""
-
 SMALLEST_PACKED = 1024
 """Bytes from which an answer is compressed for a client that takes that."""
 _QUESTIONS = (zone_routes.router, control_routes.router, heating.router)

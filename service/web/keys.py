@@ -25,9 +25,7 @@ from service.web.server.followed import FollowedFiles
 
 PREFIX = "tg_"
 """How every key begins, so that people and secret scanners know one when they see it."""
-
 SECRET_BYTES = 32
-
 LONGEST = 2**22
 """Bytes of a file of keys, of which each takes about 250."""
 

@@ -46,12 +46,9 @@ LONG_WAIT_SECONDS = 5.0
 """A client that waits longer for its turn is told of in the log."""
 FAILURES = 10
 """Wrong keys that a peer may send at once, and then per FAILURE_SECONDS."""
-
 FAILURE_SECONDS = 60.0
-
 POSTED_SECONDS = 60.0
 """A key may post as many bytes of readings at once as its rate allows in this time."""
-
 _CLIENTS = 1024
 
 

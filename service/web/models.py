@@ -23,7 +23,6 @@ else:
 
 EXAMPLES = json.loads(Path(__file__).with_name("examples.json").read_text(encoding="utf-8"))
 """Documents of the OpenAPI description, by what they are of."""
-
 MAX_LEVELS = 32
 
 

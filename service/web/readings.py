@@ -32,12 +32,9 @@ from service.web.site import Asked, Here, Site
 
 MAX_VALUES = 20_000
 """Values in one request."""
-
 RETRY_SECONDS = 1
-
 _LONGEST = 300
 """Characters of a sentence about what somebody wrote."""
-
 _JSON, _SENML, _LINES = "application/json", "application/senml+json", "text/plain"
 _FORMATS = {_JSON: "json", _SENML: "senml", _LINES: "line_protocol"}
 _KINDS = {

@@ -21,7 +21,6 @@ from service.zone.mailbox import Accepted, Mailbox, Mark
 
 FIRST_PAUSE = 1.0
 LONGEST_PAUSE = 60.0
-
 GRACE = 1.0
 """How long after its end and lateness an interval of a live zone waits for what is on its way, in s."""
 

@@ -53,7 +53,6 @@ BELOW = {DOUBTFUL: Threshold(0.85, 0.70, 0.0), UNTRUSTED: Threshold(0.70, 0.40, 
 """Anything below these is at most at this level."""
 BACK = {DOUBTFUL: Threshold(0.90, 0.80, 0.05), UNTRUSTED: Threshold(0.75, 0.50, -0.4)}
 """Nothing may be below these for a level to be left upwards."""
-
 _RANK = {TRUSTED: 0, DOUBTFUL: 1, LEARNING: 2, UNTRUSTED: 2}
 
 Verdict = tuple[str, str]

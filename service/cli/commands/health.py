@@ -16,7 +16,6 @@ from service.errors import ServiceError, one_line
 
 OK, WARNING, CRITICAL, UNKNOWN = range(4)
 """Exit codes as monitoring plugins have them."""
-
 _WORDS = ("OK", "WARNING", "CRITICAL", "UNKNOWN")
 
 _Answer = tuple[int, dict[str, Any]]

@@ -17,10 +17,8 @@ if TYPE_CHECKING:
     from adapters.scanning import Scan
 
 LISTEN_SECONDS = 5.0
-
 _SLOW = 2.0
 """s after which a terminal shows how far it is."""
-
 _LARGEST_DEVICE = 4194302
 
 

@@ -18,7 +18,6 @@ from service.zone.zone import Zone
 
 FIRST_PAUSE = 1.0
 LONGEST_PAUSE = 30.0
-
 TICK = 0.5
 """How often the wall clock is looked at, in s."""
 NOTABLE_JUMP = 2.0

@@ -18,7 +18,6 @@ TOGETHER = 1000
 """Readings that are handed to the zones in one turn of the event loop, and values that are looked at: some ms of it."""
 MAX_READINGS = 100_000
 """What a post may bring to all channels together."""
-
 _SHOWN = 5
 
 _log = logging.getLogger(__name__)

@@ -11,7 +11,6 @@ from service.fleet.peers import Peer
 
 SCRAPE_SECONDS = 8.0
 """How long the shards may take; one that takes longer is left out, and `thermogate_shard_up` says so."""
-
 _BEGUN = "_created"
 
 

@@ -19,7 +19,6 @@ FROZEN_SECONDS = 5.0
 """The server ends a transaction whose client stands still for so long: it would keep others from taking its lease."""
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 8.0
 """Between two attempts to connect, in s; meanwhile everything fails at once."""
-
 _ATTEMPTS = 4
 _LONGEST = 63
 """Bytes that PostgreSQL takes of a name; the rest it leaves out in silence."""
@@ -34,7 +33,6 @@ _CONNECTION = {
     "tcp_user_timeout": 10_000,
 }
 """What a connection string does without, by libpq's names."""
-
 _PLACE = "free space on the disk of the server, or give it more; the rows of reset zones and old history may go"
 _REMEDIES = {
     "08": "start it, see why the network between here and there fails, or correct host, dbname, user and password",
@@ -62,7 +60,6 @@ _AGAIN = ("40001", "40P01", "23505")
 Beside conflicts: a row that is there already is one of an earlier attempt whose end was not known, or of an owner that
 is fenced meanwhile.
 """
-
 _SIZE = (
     "SELECT coalesce(sum(pg_total_relation_size(oid)), 0)::bigint FROM pg_class WHERE relkind = 'r' "
     "AND relnamespace = current_schema()::regnamespace AND relname <> 'checkpoints'"

@@ -30,7 +30,6 @@ from service.web.server.refusal import RequestRefused
 from service.web.site import Asked, Here
 
 NPZ = "application/x-npz"
-
 MANY_NUMBERS = 100_000
 """From so many numbers on an answer is made in turn with others."""
 

@@ -16,7 +16,6 @@ DAYS = 7
 """Days that are looked at, unless others are asked for."""
 POINTS = 48
 """Intervals of a day that are looked at."""
-
 _DAY = 86400
 
 router = APIRouter(tags=["zones"])

@@ -17,12 +17,9 @@ AT_ONCE_OF_ONE = 8
 """The same of one client."""
 MAX_ITEMS = 100_000
 """Values in a JSON body. Each wrong one costs a validation error, and the event loop waits meanwhile."""
-
 RETRY_SECONDS = 5
-
 PACKED = b"\x1f\x8b"
 """How a body begins that is packed with gzip, and no JSON does."""
-
 _SURROGATE = re.compile(rb"\\u[dD][89a-fA-F]")
 
 

@@ -10,12 +10,9 @@ from starlette.responses import Response
 from service.errors import ServiceError
 
 MEDIA_TYPE = "application/problem+json"
-
 MOST_SENTENCES = 20
 """Mistakes that one answer tells; how many more there are is told too."""
-
 LONGEST_SENTENCE = 500
-
 CLOSE = {"Connection": "close"}
 """Of an answer after which nothing more of a request is read."""
 

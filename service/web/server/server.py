@@ -27,7 +27,6 @@ from service.web.server.tls import ServerCertificate, server_certificate
 
 SPARE = 32
 """Connections beyond the limit that are still told so; more are closed at once."""
-
 SHUTDOWN_SECONDS = 1
 RETRY_SECONDS = 5
 SWEEP_SECONDS = 1.0

@@ -21,12 +21,9 @@ from service.web.server.followed import FollowedFiles
 
 WARN_SECONDS = 14 * 86400.0
 """How long before its end a certificate is spoken of in the log."""
-
 REMIND_SECONDS = 86400.0
-
 CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"
 """Of TLS 1.2: forward secrecy and authenticated encryption only. TLS 1.3 has nothing else."""
-
 _NO_PAIR = ("KEY_VALUES_MISMATCH", "KEY_TYPE_MISMATCH", "NO_CERTIFICATE_ASSIGNED")
 
 Content = TypeVar("Content")

@@ -13,7 +13,6 @@ PATIENCE = aiohttp.ClientTimeout(total=120, sock_connect=30)
 """A small machine takes its time to begin with a zone."""
 SILENCE = aiohttp.ClientTimeout(total=None, sock_connect=30, sock_read=60)
 """For streams: the daemon sends a comment every 15 s."""
-
 LONGEST_LINE = 2**20
 
 

@@ -23,7 +23,6 @@ from .room import Room
 DOMAIN = "thermogate"
 ROOMS = "rooms"
 """Key of the options: the rooms by zone."""
-
 INTERVAL = timedelta(minutes=1)
 KEPT = 3
 """The newest posts, which are sent again after an outage: the zones take readings that are two minutes late."""

@@ -34,7 +34,6 @@ _UNITS = {
 """Home Assistant's units as Thermogate's configuration writes them."""
 SWITCHES = ("switch", "binary_sensor", "input_boolean")
 """Domains of what is on or off."""
-
 _HEATS = (HVACAction.HEATING, "preheating")
 
 

@@ -28,7 +28,6 @@ PARALLEL_UPDATES = 0
 """Nothing is asked entity by entity."""
 HOURS = {"1h": 3600, "6h": 21600, "1d": 86400}
 """Leads that are shown, s."""
-
 _LONGEST_STATE = 255
 
 Shown = Callable[[float], float]
