@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import DAY, Array
 from estimator.statespace.matrices import StateSpace, of_draws, of_point
 from estimator.statespace.simulate import gain_forecast
 from estimator.thermostat.law import shortest_times
@@ -26,7 +26,6 @@ from service.records.outlook import Weather
 from service.records.skill import Skill
 from service.zone.worker import Standing, ZoneWorker
 
-_DAY = 86400
 GAIN = "gain"
 """The state that is the unmeasured gain."""
 
@@ -46,7 +45,7 @@ class ModelQuestion(NamedTuple):
             return None
         drawn, step = in_own_watts(model_draws(worker, standing, self.most)), worker.period * self.periods
         draws, mean = (of(drawn, worker.period, self.periods) for of in (of_draws, of_point))
-        network, forecast, gain = worker.network, standing.update.forecast, gain_forecast(draws, _DAY // step)
+        network, forecast, gain = worker.network, standing.update.forecast, gain_forecast(draws, DAY // step)
         gains = [(GAIN, "W")] if draws.state.shape[1] > len(network.nodes) else []
         own, drawn_ones = _letters(mean, 0, len(network.inputs)), _letters(draws, slice(None), len(network.inputs))
         return ModelPayload(
@@ -146,7 +145,7 @@ def learned_laws(worker: ZoneWorker) -> tuple[LearnedLaw, ...]:
 def _known_heat(worker: ZoneWorker, standing: Standing, weather: Weather, response: Array, periods: int) -> Array:
     """(h, n_x + G): what known heat adds over each step of `periods` periods of a day, by the `response` (n_x + G, m)
     to the mean of the known part of each term; h is 0 without terms."""
-    steps = _DAY // (worker.period * periods)
+    steps = DAY // (worker.period * periods)
     if not response.shape[1]:
         return np.empty((0, len(response)))
     forecast = standing.update.forecast

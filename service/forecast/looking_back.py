@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adapters.timestamps import time_zone
-from estimator.arrays import Array
+from estimator.arrays import DAY, HOUR, Array
 from estimator.diagnosis.finding import amount
 from estimator.network.assembly import assemble
 from estimator.network.discretise import discretise
@@ -17,7 +17,6 @@ from service.forecast.answers import RoomAnswer
 from service.forecast.learned import model_draws
 from service.zone.worker import ZoneWorker
 
-_HOUR, _DAY = 3600.0, 86400.0
 _KWH = 3.6e6
 _LEAD = 6 * 3600
 """s ahead at which forecasts are judged: as far as a room is heated ahead."""
@@ -59,7 +58,7 @@ def warming_up(step: float, temperature: Array, setpoint: Array, cold: float) ->
         if not np.isfinite(after[: warm[0] if len(warm) else None]).all():
             continue
         if len(warm):
-            took.append(float(warm[0]) * step / _HOUR)
+            took.append(float(warm[0]) * step / HOUR)
         elif end in falls:
             missed += 1
     if not took:
@@ -110,7 +109,7 @@ def needed_heat(worker: ZoneWorker, times: Array, step: float, temperature: Arra
     known[:, own:] *= [term.name.startswith("sun") * (row @ draws.weights) for term, row in terms]
     pushes = known @ exact.input[0, :, :-1].T
     # It begins as what stays as it is: at the mean of the first day, with the heat that this needs.
-    first = slice(0, max(1, round(_DAY / step)))
+    first = slice(0, max(1, round(DAY / step)))
     still = np.block([[np.eye(size) - room, -warms[:, None]], [np.eye(size + 1)[node]]])
     state = np.linalg.solve(still, np.append(pushes[first].mean(axis=0), _mean(temperature[first])))[:size]
     found = np.zeros(len(times))
@@ -162,7 +161,7 @@ def lost_heat(times: Array, step: float, gain: Array, zone: str | None, needed: 
         away = gain[k, 1] - gain[k, ::-1]
         energy[k] = (usual - needed[k] + np.sign(away) * np.hypot(away, astray)) * step / _KWH
     low, most_likely, high = energy.sum(axis=0).tolist()
-    days = len(times) * step / _DAY
+    days = len(times) * step / DAY
     if most_likely < _NOTED:
         sentence = f"No open window was noticed in {days:.1f} days"
         yield RoomAnswer("window", sentence, "kWh", most_likely, low, high)
@@ -203,7 +202,7 @@ def last_day(worker: ZoneWorker, times: Array, step: float, inputs: Array, gain:
     if not issued:
         return
     one = min(issued, key=lambda each: abs(each.lead - _LEAD))
-    parts = [f"In the last day the forecasts {one.lead / _HOUR:g} h ahead were off by {one.rmse:.1f} K"]
+    parts = [f"In the last day the forecasts {one.lead / HOUR:g} h ahead were off by {one.rmse:.1f} K"]
     week = next(each for each in skill.issued_over(7) if each.lead == one.lead)
     if week.forecasts > one.forecasts:
         parts.append(f"{week.rmse:.1f} K is usual")
@@ -245,7 +244,7 @@ def _called(channel: str) -> str:
 
 def _unmeasured(times: Array, gain: Array) -> str:
     """How heat that nobody measures explains an error; empty where it does not."""
-    away = _against_usual(times, gain) * _DAY / _KWH
+    away = _against_usual(times, gain) * DAY / _KWH
     if away > 10.0 * _NOTED:
         return f"people, or something else that nobody measures, brought {spoken_energy(away)} kWh more than usual"
     if away < -10.0 * _NOTED:
@@ -256,7 +255,7 @@ def _unmeasured(times: Array, gain: Array) -> str:
 
 def _against_usual(times: Array, values: Array) -> float:
     """How much more the mean of the last day is than that of the days before at the same hours; 0 if unknown."""
-    new, hour = times > times[-1] - _DAY, (times % _DAY // _HOUR).astype(np.int64)
+    new, hour = times > times[-1] - DAY, (times % DAY // HOUR).astype(np.int64)
     means = []
     for part in (new, ~new):
         chosen = part & np.isfinite(values)

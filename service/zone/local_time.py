@@ -7,14 +7,13 @@ import numpy as np
 
 from adapters.holidays import public_holidays
 from adapters.timestamps import time_zone
-from estimator.arrays import Array, Indices
+from estimator.arrays import HOUR, Array, Indices
 from estimator.heat.known import Calendar, LocalTime
 from estimator.heat.sun import Location
 from estimator.thermostat.futures import KindOfDay
 
 _NOWHERE: frozenset[object] = frozenset()
 _SATURDAY = 5
-_HOUR = 3600.0
 
 
 def calendar(name: str | None, country: str | None, location: Location | None) -> Calendar:
@@ -42,10 +41,10 @@ def kinds_of_day(local: Calendar) -> KindOfDay:
 
     @lru_cache(maxsize=4096)
     def of_hour(hour: float) -> int:
-        return int(local(np.array([hour * _HOUR])).off[0])
+        return int(local(np.array([hour * HOUR])).off[0])
 
     def kinds(times: Array) -> Indices:
-        hours, place = np.unique(times // _HOUR, return_inverse=True)
+        hours, place = np.unique(times // HOUR, return_inverse=True)
         return np.array([of_hour(hour) for hour in hours.tolist()], dtype=np.int64)[place]
 
     return kinds

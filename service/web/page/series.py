@@ -8,7 +8,7 @@ import numpy as np
 from fastapi import APIRouter, Query
 
 from adapters.fields.times import utc
-from estimator.arrays import Array
+from estimator.arrays import DAY, Array
 from service.records.series import GAIN, Series
 from service.records.view import ZoneView
 from service.web.answering import route
@@ -18,7 +18,6 @@ from service.web.problems import invalid
 from service.web.site import Asked, Here
 
 MAX_POINTS = 2000
-DAY = 86400
 _DEFAULT_POINTS = 800
 _EARLIEST, _LATEST = (int(datetime(year, 1, 1, tzinfo=UTC).timestamp()) for year in (1900, 2200))
 """What is asked for beyond these times, UTC s, holds nothing."""
