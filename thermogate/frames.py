@@ -201,8 +201,8 @@ class Reader:
         self._columns = [(one, _summed(frame, one), Converter(one.address, one.edge)) for one in columns]
 
     def parts(self) -> Iterator[Part]:
-        """The readings, some hundred rows at once. An empty cell is no reading. A meter begins with the first row, even
-        with one that is passed over."""
+        """The readings, some hundred rows at once, but for empty cells. A meter begins with the first row, passed over
+        or not."""
         for begin in range(0, len(self._order), _ROWS_AT_ONCE):
             rows = self._order[begin : begin + _ROWS_AT_ONCE]
             times, readings = self._seconds[rows].tolist(), []

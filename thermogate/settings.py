@@ -54,8 +54,8 @@ class Settings(NamedTuple):
 def settings_for(
     df: Frame, network: object, columns: object, tz: str | tzinfo | None, given: Mapping[str, Any]
 ) -> Settings:
-    """The settings that the arguments of `fit` amount to for the table `df`; None in `given` leaves the default.
-    ConfigError for arguments and DataError for a table that cannot be used."""
+    """The settings of `fit` for the table `df`; None in `given` leaves the default. Raises ConfigError and
+    DataError."""
     pandas()
     tables = {} if columns is None else items(columns)
     present = set(map(str, getattr(df, "columns", ())))
@@ -100,8 +100,7 @@ def network_of(network: object, channels: Collection[str] = ()) -> Network:
 
 
 def settings_of(network: Network, columns: Mapping[str, Any], tz: str, given: Mapping[str, Any]) -> Settings:
-    """The checked settings; ConfigError with one sentence for every mistake. Keys of `given` are those of a zone, and
-    PLACE of the site."""
+    """The checked settings; `given` has keys of a zone, and PLACE of the site. ConfigError with every mistake."""
     tables = _column_tables(network, columns)
     problems = Problems({**given, "channels": tables})
     place_table = {name: given[name] for name in PLACE if name in given}

@@ -35,8 +35,8 @@ _SET_HELP = (
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code. `argv` is without the program name; None takes it from the process,
-    which then ends here if a library has left a thread to the end of it."""
+    """Run one command and return its exit code; where `argv` is None, the process ends here if a library left a
+    thread."""
     prepare_process()
     try:
         code = _run_command(_parser().parse_args(argv))

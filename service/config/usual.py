@@ -16,8 +16,8 @@ _ANYWHERE = (-inf, inf)
 
 
 def usual(network: Network, name: str, channel: ChannelConfig) -> Span:
-    """The range, in the network's unit, in which channel `name` of a zone usually lies. Whoever gives `valid` has said
-    so already: then it is any; so it is for a meter of several zones."""
+    """The range, in the network's unit, in which channel `name` of a zone usually lies; any where `valid` or a share is
+    given."""
     unit = unit_of(network, name)
     if channel.valid not in (None, default_valid_range(unit)) or name in network.shares:
         return _ANYWHERE

@@ -109,8 +109,7 @@ async def answer_on_zenoh(
     allowed: Callable[[], bool] = lambda: True,
     of_site: bool = True,
 ) -> None:
-    """Answer what is asked on Zenoh about `zones`, as far as it is `allowed` at the time, and with `of_site` what is
-    asked of the site. Raises ServiceError."""
+    """Answer what is asked on Zenoh about `zones`, and `of_site`, while that is `allowed`. Raises ServiceError."""
     publishers = [sink for sink in sinks if isinstance(sink, Publisher)]
     if not publishers:
         return

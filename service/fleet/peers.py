@@ -116,8 +116,7 @@ def wanted(plan: Plan, nodes: Iterable[str]) -> dict[str, str | None]:
 
 
 def create(site: str, name: str, cpus: float = 0.0, node: str | None = None) -> None:
-    """Let there be a member, on any machine with so many processors to spare or on `node` alone; without effect if
-    there is one of this name already. It outlives its creator."""
+    """Let there be a member, which outlives its creator, on a machine with processors to spare, or on `node` alone."""
     strategy = "SPREAD" if node is None else NodeAffinitySchedulingStrategy(node, soft=False)
     ray.remote(Actor).options(
         name=name,

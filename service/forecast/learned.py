@@ -31,8 +31,8 @@ GAIN = "gain"
 
 
 class ModelQuestion(NamedTuple):
-    """Asks for state-space matrices at a step of `periods` periods: at the posterior mean, and of at most `most`
-    draws. `estimator` is the name of the zone's."""
+    """Asks for state-space matrices at a step of `periods` periods: at the posterior mean, and of `most` draws at
+    most."""
 
     periods: int
     most: int

@@ -55,8 +55,7 @@ class ForecastRequest(NamedTuple):
 
 
 def detail(steps: Sequence[int]) -> Detail:
-    """As fine as there is time and room for in a request of forecasts with so many `steps` each, the published one
-    included: the same for each of them, whoever asks."""
+    """As fine as there is time for in a request of forecasts with so many `steps` each, the published one included."""
     whole = sum(steps)
     draws = min(MOST_DRAW_STEPS // max(1, whole), MOST_AT_ONCE // max([1, *steps]))
     return Detail(max(FEWEST_DRAWS, draws), exact=whole <= MAX_STEPS + 1)
@@ -127,8 +126,8 @@ def bound(request: ForecastRequest) -> int:
 
 
 class Mistake(NamedTuple):
-    """What is wrong in a plan: the plan's number, the zone and the input that it stands under (no input: the zone
-    itself), and a sentence without its place."""
+    """What is wrong in a plan: its number, the zone and input it stands under (no input: the zone itself), a
+    sentence."""
 
     plan: int
     zone: str

@@ -242,8 +242,8 @@ class Publisher(Sink):
         return self._session.declare_queryable(key, zenoh.handlers.Callback(asked, indirect=False), complete=True)
 
     def _answer(self, query: zenoh.Query) -> None:
-        """Reply with the last value of every key the query asks for; with nothing before the first. Parameters, of
-        which a last value has none, are refused."""
+        """Reply with the last value of every key that is asked for; parameters, of which there are none, are
+        refused."""
         unknown = [name for name, _ in _parameters(query)]
         if unknown:
             questions = ", ".join(QUESTIONS)

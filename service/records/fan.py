@@ -23,8 +23,7 @@ class CompactOutputPayload:
 
 
 class Fan(NamedTuple):
-    """The forecast of one zone: the first entry of every column is the published one-step forecast of `update`, and
-    each of the others is one period later."""
+    """The forecast of one zone: columns from the published one-step forecast of `update` on, one period apart."""
 
     update: Update
     levels: tuple[float, ...]

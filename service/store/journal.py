@@ -353,8 +353,7 @@ class Journal:
         return rows[0][0] or 0 if rows else 0
 
     def _write(self, zones: Collection[str], work: Callable[[Cursor], Result]) -> Result:
-        """The result of `work` in one durable transaction that writes to `zones` and also carries the pending history,
-        which is kept for the next try if it fails."""
+        """The result of `work` in a durable transaction, with the pending history, which is kept if that fails."""
         with self._recording:
             pending = dict(self._pending)
 

@@ -29,7 +29,7 @@ async def written(site: str, zone: ZoneView, start: int | None, end: int | None,
             if not rows:
                 break
             # One by one: what takes long in one piece holds the interpreter.
-            pages.append(await run_in_threadpool(lambda rows=rows: b",".join(map(to_json, rows))))
+            pages.append(await run_in_threadpool(b",".join, map(to_json, rows)))
             # A damaged row is left out, and counts all the same.
             limit, end = limit - PAGE, rows[0].time
         return with_items(document(history_of(zone, ()), site, zone.id), reversed(pages))

@@ -74,8 +74,8 @@ class _Content(BaseModel, extra="forbid", frozen=True):
 
 
 def read_keys(path: Path, at: Path | None = None) -> tuple[Key, ...]:
-    """Every key in the file, revoked ones too; none if there is no file. KeyFileError if it cannot be trusted. `at` is
-    how to reach it where that is not by `path`."""
+    """Every key in the file `at` or `path`, also revoked ones, if there is one. KeyFileError if it cannot be
+    trusted."""
     try:
         descriptor = os.open(at or path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
@@ -170,8 +170,7 @@ class KeyRing:
         return self._in_force
 
     def find(self, secret: str) -> Key | None:
-        """The active key that `secret` is, found equally long whichever it is; None if there is none. KeyFileError
-        while the file cannot be read or trusted."""
+        """The active key that `secret` is, in the same time whichever, or None. KeyFileError while nobody can say."""
         self._follow()
         if self._file.complaint:
             raise KeyFileError("the API keys cannot be read now; the log of the daemon says why")

@@ -147,8 +147,8 @@ class Zone:
         return await self._store.series(stretch)
 
     async def restore(self) -> int | None:
-        """Rebuild the worker from checkpoint and journal; the time of the last accepted sample. Raises StateMismatch
-        where the stored state belongs to another network."""
+        """Rebuild the worker from checkpoint and journal; the time of the last accepted sample. Raises
+        StateMismatch."""
         worker, store = self.worker.anew(), self._store
         await store.claim(self.id, self.fingerprint)
         checkpoint = await self._in_pool(store.checkpoints.load, self.id, self.fingerprint)
@@ -348,8 +348,7 @@ class Zone:
             _log.error("zone '%s': %s", self.id, failure)
 
     async def _save(self, worker: ZoneWorker | None = None) -> None:
-        """Write a checkpoint of the worker, or another. Where that fails, the journal still holds everything since the
-        last one."""
+        """Write a checkpoint of the worker, or another; if that fails, the journal holds all since the last one."""
         checkpoint = snapshot.take(worker or self.worker, self.fingerprint, self.estimator)
         self._due = self._next_checkpoint()
         if checkpoint is None:
