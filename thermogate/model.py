@@ -24,6 +24,7 @@ from estimator.verification.scores import gaussian_crps
 from replay.recorded.trace import Trace
 from service.errors import DataError, NoLaw, NoModel, PlanError
 from service.forecast.engine import FanQuestion
+from service.forecast.foresight import NO_WEATHER
 from service.forecast.heating import (
     CompareQuestion,
     Course,
@@ -39,7 +40,6 @@ from service.records.fan import CompactOutputPayload, Fan
 from service.records.outlook import SET_POINTS
 from service.records.skill import Skill
 from service.records.view import Answer, Question
-from service.zone.foresight import NO_WEATHER
 from thermogate import plots
 from thermogate.arguments import items, plain
 from thermogate.files import write_model

@@ -14,10 +14,10 @@ def main() -> None:
     from service.config.fitting import fingerprint, make_worker
     from service.config.load import load
     from service.forecast.engine import FanQuestion
+    from service.forecast.foresight import NO_WEATHER
     from service.forecast.request import detail
     from service.store.reading import read_state
     from service.zone import snapshot
-    from service.zone.foresight import NO_WEATHER
 
     with tempfile.TemporaryDirectory() as folder:
         with in_background(partial(live, Demo(Path(folder), pace=60.0))) as (path, _):

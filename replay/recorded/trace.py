@@ -17,6 +17,7 @@ from service.config.fitting import power_entered
 from service.config.site import ZoneConfig
 from service.forecast.ahead import NextRise, next_heating
 from service.forecast.answers import LearnedLaw, Room
+from service.forecast.foresight import NO_WEATHER
 from service.forecast.learned import learned_laws
 from service.forecast.room import Past, RoomQuestion
 from service.publish.payloads import NextHeatingPayload
@@ -26,7 +27,6 @@ from service.records.series import GAIN
 from service.records.skill import Skill
 from service.records.trust import Trust
 from service.records.update import Update
-from service.zone.foresight import NO_WEATHER
 from service.zone.worker import ZoneWorker
 
 LEVELS = (0.025, 0.5, 0.975)

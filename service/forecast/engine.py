@@ -16,6 +16,7 @@ from estimator.types import Mixtures
 from estimator.verification.one_step import one_step
 from estimator.verification.summaries import Summary, as_distributed, summary
 from service.errors import ServiceError
+from service.forecast.foresight import foresee
 from service.forecast.learned import model_draws
 from service.forecast.plan import Inputs, column
 from service.forecast.planned import PlannedZone
@@ -124,7 +125,7 @@ class FixedRoom:
 def _inputs(zone: PlannedZone, weather: Weather, neighbours: Mapping[str, Neighbour]) -> Outlook:
     """The inputs of the steps: as planned, otherwise those of the neighbours, otherwise as foreseen."""
     standing, planned, grid = zone.standing, zone.planned, zone.grid
-    foreseen = zone.worker.outlook(standing, grid.steps, weather)
+    foreseen = foresee(zone.worker, standing, grid.steps, weather)
     rows, origins, own = foreseen.rows.copy(), list(foreseen.origins), Shares.of(zone.worker).medians
     for place, channel in enumerate(zone.network.inputs):
         if channel in planned:

@@ -19,6 +19,7 @@ from estimator.verification.summaries import summary
 from service.errors import NoLaw, PlanError, ServiceError
 from service.forecast.answers import Comparison, Demand, Hour, PlanOutcome, Preheat, Range
 from service.forecast.engine import GIVEN_UP
+from service.forecast.foresight import foresee
 from service.forecast.plan import Grid, Values, column
 from service.forecast.planned import PlannedZone
 from service.forecast.request import MAX_STEPS
@@ -258,7 +259,7 @@ class _Futures:
         """The set-point now [degC]."""
         self.grid = self._zone.grid
         self._shares, self._columns = Shares.of(worker), thermostat.laws.column.astype(np.int64)
-        outlook = worker.outlook(standing, steps, weather)
+        outlook = foresee(worker, standing, steps, weather)
         self._ahead, self._given_up = self._zone.ahead(outlook), given_up
 
     @property

@@ -21,6 +21,7 @@ from service.forecast.answers import (
     QuantityPayload,
     Range,
 )
+from service.forecast.foresight import foresee
 from service.forecast.shares import Shares, in_own_watts
 from service.records.outlook import Weather
 from service.records.skill import Skill
@@ -149,7 +150,7 @@ def _known_heat(worker: ZoneWorker, standing: Standing, weather: Weather, respon
     if not response.shape[1]:
         return np.empty((0, len(response)))
     forecast = standing.update.forecast
-    rows = worker.outlook(standing, steps * periods, weather).rows
+    rows = foresee(worker, standing, steps * periods, weather).rows
     times = forecast.valid_time + worker.period * np.arange(len(rows), dtype=np.float64)
     known = worker.loop.driving(times, rows)[:, rows.shape[1] :].reshape(steps, periods, -1).mean(axis=1)
     return np.asarray(known @ response.T, dtype=np.float64)

@@ -18,7 +18,6 @@ from estimator.network.network import Network
 from estimator.thermostat.futures import NOTHING_KNOWN, ToCome
 from estimator.types import Estimator, ParameterSummary
 from estimator.verification.one_step import OneStep
-from service.records.outlook import Outlook, Weather
 from service.records.sample import Sample
 from service.records.skill import Skill
 from service.records.trust import Trust
@@ -33,7 +32,6 @@ from service.records.update import (
     Update,
     Volatility,
 )
-from service.zone.foresight import NO_WEATHER, outlook
 from service.zone.skill import skill_of
 from service.zone.trust import LOOKED_BACK, judged
 
@@ -176,10 +174,6 @@ class ZoneWorker:
         """What a forecast starts from; None where there is none now."""
         standing = self.standing
         return None if standing is None or self.progress.stalled else standing
-
-    def outlook(self, standing: Standing, steps: int, weather: Weather = NO_WEATHER) -> Outlook:
-        """The inputs of `steps` intervals from the valid time of the `standing` forecast on, where no plan says."""
-        return outlook(self.network, self.period, standing.update.forecast, standing.day, steps, weather)
 
     def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
         """Posterior quantiles of the parameters, collapsed intervals marked; None before the first sample."""

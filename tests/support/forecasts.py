@@ -12,9 +12,9 @@ from estimator.statespace.matrices import StateSpace
 from estimator.statespace.simulate import Simulation
 from estimator.types import Estimator, Mixture
 from service.forecast.engine import FanQuestion
+from service.forecast.foresight import NO_WEATHER
 from service.forecast.plan import Inputs
 from service.forecast.request import detail
-from service.zone.foresight import NO_WEATHER
 from service.zone.worker import ZoneWorker
 
 

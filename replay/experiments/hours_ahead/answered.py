@@ -14,11 +14,11 @@ from replay.experiments.series.filtering import FilterRun, built
 from replay.scores.intervals import LEVEL
 from service.errors import NoLaw
 from service.forecast.engine import FanQuestion
+from service.forecast.foresight import NO_WEATHER
 from service.forecast.request import FEWEST_DRAWS, Detail
 from service.records.fan import Fan
 from service.records.outlook import SET_POINTS
 from service.records.sample import Sample
-from service.zone.foresight import NO_WEATHER
 from service.zone.worker import WorkerSettings, ZoneWorker
 
 LIVE, SCHEDULED = "live", "scheduled"

@@ -19,8 +19,8 @@ from replay.lab.experiments.relays import Learning, RelayRun, report, study
 from replay.localtime import DAY, HOUR
 from replay.reports.kit.report import Report
 from service.errors import NoLaw
+from service.forecast.foresight import NO_WEATHER
 from service.forecast.heating import PreheatQuestion
-from service.zone.foresight import NO_WEATHER
 
 PROBABILITY, TOLERANCE = 0.9, 0.5
 MORNINGS, STARTS, IN_TIME, BEEN, PROMISED, EARLY = (

@@ -22,8 +22,8 @@ from replay.reports.kit.report import Report
 from replay.scores.intervals import rmse
 from service.errors import NoLaw
 from service.forecast.answers import Range
+from service.forecast.foresight import NO_WEATHER
 from service.forecast.heating import CompareQuestion, Course, DemandQuestion
-from service.zone.foresight import NO_WEATHER
 
 SETBACK = 2.0
 """K."""

@@ -9,10 +9,10 @@ from adapters.reading import Quality
 from service.errors import NoModel, ServiceError
 from service.forecast.coupling import Member, coupled
 from service.forecast.engine import FixedRoom, Neighbour, Part
+from service.forecast.foresight import NO_WEATHER
 from service.forecast.request import FEWEST_DRAWS, MAX_STEPS, MOST_AT_ONCE, MOST_DRAW_STEPS, detail
 from service.records.outlook import InputOrigin, Outlook
 from service.records.record import values
-from service.zone.foresight import NO_WEATHER
 from service.zone.worker import ZoneWorker
 
 ESTIMATORS = ("rbpf", "ekf", "ukf", "mkf", "bank", "arx", "daily")

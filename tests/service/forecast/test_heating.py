@@ -13,9 +13,9 @@ from support.zone_samples import worker as new
 from estimator.thermostat.answers import Amounts
 from service.errors import NoLaw, PlanError, ServiceError
 from service.forecast.ahead import NextRise
+from service.forecast.foresight import NO_WEATHER
 from service.forecast.heating import CompareQuestion, Course, DemandQuestion, PreheatQuestion, moment, together
 from service.records.record import document
-from service.zone.foresight import NO_WEATHER
 
 PERIOD, DAILY = 1800, 48
 DAYS = 10

@@ -12,6 +12,7 @@ from estimator.network.presets import automatic
 from estimator.registry import build
 from estimator.statespace.matrices import of_draws, of_point
 from estimator.statespace.simulate import Simulation
+from service.forecast.foresight import foresee
 from service.forecast.learned import ModelQuestion
 from service.forecast.room import Past, RoomQuestion
 from service.zone.local_time import calendar
@@ -45,7 +46,7 @@ def test_matrices_have_the_measured_inputs_and_known_heat_beside_them(worker: Zo
     # Simulated with it, the mean model goes where it goes under the whole drive rows.
     drawn = worker.estimator.draws(standing.state, 16)
     assert drawn is not None
-    rows = worker.outlook(standing, 3).rows
+    rows = foresee(worker, standing, 3).rows
     times = standing.update.forecast.valid_time + PERIOD * np.arange(3.0)
     expected = mean_path(of_point(drawn, PERIOD, 1), worker.loop.driving(times, rows))[-1]
     state = model.mean.A @ model.mean.state + model.mean.B @ rows.mean(axis=0) + model.known_heat[0]
@@ -72,7 +73,7 @@ def test_a_simulation_step_by_step_is_driven_as_a_plan_is(worker: ZoneWorker) ->
     drawn = worker.estimator.draws(standing.state, 8)
     assert drawn is not None
     models, first = of_draws(drawn, PERIOD, 1), float(standing.update.forecast.valid_time)
-    rows = worker.outlook(standing, 12).rows
+    rows = foresee(worker, standing, 12).rows
 
     def driving(step: int, inputs: np.ndarray) -> np.ndarray:
         return worker.loop.driving(np.array([first + PERIOD * step]), inputs[None])[0]

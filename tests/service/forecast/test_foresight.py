@@ -12,6 +12,7 @@ from adapters.weather.forecast import WeatherForecast, WeatherSeries
 from estimator.foresight import FADES, SUN_FADES, foreseen, no_day, restored, strays, with_inputs
 from estimator.foresight import weather as futures
 from estimator.network.presets import SOLAR_APERTURE, automatic, network
+from service.forecast.foresight import foresee
 from service.records.outlook import InputOrigin, Weather, WeatherBook, WeatherLink
 from service.records.sample import Sample
 
@@ -47,7 +48,7 @@ def fed(zone, steps, first=0, colder=0.0):
 
 def seen(zone, steps, weather=None):
     update = zone.standing.update
-    outlook = zone.outlook(zone.standing, steps, *([] if weather is None else [weather]))
+    outlook = foresee(zone, zone.standing, steps, *([] if weather is None else [weather]))
     columns = {name: outlook.rows[:, column] for column, name in enumerate(NET.inputs)}
     times = update.forecast.valid_time + PERIOD * np.arange(steps)
     return times, columns, {origin.channel: origin for origin in outlook.origins}

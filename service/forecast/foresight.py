@@ -4,21 +4,20 @@ import numpy as np
 
 from adapters.reading import Quality
 from estimator.arrays import Array
-from estimator.foresight import Day, foreseen
-from estimator.network.network import Network
+from estimator.foresight import foreseen
 from service.records.outlook import InputOrigin, Outlook, Weather, WeatherBook, WeatherLink
-from service.records.update import Forecast, InputUsed
+from service.records.update import InputUsed
+from service.zone.worker import Standing, ZoneWorker
 
 NO_WEATHER = Weather()
 
 
-def outlook(
-    network: Network, period: int, forecast: Forecast, day: Day, steps: int, weather: Weather = NO_WEATHER
-) -> Outlook:
-    """The inputs of `steps` intervals from the valid time of the standing `forecast` on, after a last `day`."""
+def foresee(worker: ZoneWorker, standing: Standing, steps: int, weather: Weather = NO_WEATHER) -> Outlook:
+    """The inputs of `steps` intervals from the valid time of the `standing` forecast on, where no plan says."""
+    forecast, period = standing.update.forecast, worker.period
     times = forecast.valid_time + period * np.arange(steps, dtype=np.float64)
     now = np.array([used.value for used in forecast.inputs])
-    rows, by_shape = foreseen(network, day, now, times)
+    rows, by_shape = foreseen(worker.network, standing.day, now, times)
     origins = []
     for column, used in enumerate(forecast.inputs):
         origin = _otherwise(used, bool(by_shape[column]))
