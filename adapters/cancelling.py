@@ -10,11 +10,8 @@ Result = TypeVar("Result")
 
 
 async def cancellable(work: Awaitable[Result]) -> Result:
-    """What `work` of a library returns or raises, unless this task was cancelled meanwhile: then CancelledError.
-
-    `asyncio.wait_for` of Python 3.11, with which the libraries wait, forgets a cancellation that comes together with
-    the result. A source that is cancelled once, as all are when the daemon stops, would then read for ever.
-    """
+    """What `work` of a library returns or raises; CancelledError if this task was cancelled meanwhile, which
+    `asyncio.wait_for` of Python 3.11 forgets where the result comes at the same time."""
     task = asyncio.current_task()
     before = task.cancelling() if task is not None else 0
     try:

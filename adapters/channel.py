@@ -7,33 +7,26 @@ from math import inf
 from pkgutil import resolve_name
 from typing import Any, ClassVar, NamedTuple, Self
 
-from pydantic import BaseModel, Field
+from pydantic import ConfigDict, Field
 
 from adapters.edge import Edge
-from adapters.fields.tables import TABLE
+from adapters.fields.tables import Table
 from adapters.fields.values import Duration, NonZero, Number, Pace, Positive, PositiveDuration, Range, Share, Text
 from adapters.reading import Source
 from adapters.timestamps import Array
 from adapters.units import ENERGIES, conversion, default_valid_range
 
 
-class ForecastConfig(BaseModel):
+class ForecastConfig(Table):
     """`forecast` of a channel: what a [weather.<name>] table foresees of it."""
-
-    model_config = TABLE
 
     source: Text = Field(description="the name of the [weather.<name>] table")
     series: Text = Field(description='the name of the series there, such as "temperature_2m"')
     unit: Text | None = Field(default=None, description="unit of the series; one that states another is not used")
 
 
-class ChannelConfig(BaseModel):
-    """What a channel says whatever its source is: network value = raw value * scale + offset, converted from `unit`.
-
-    Every kind of source adds where the raw value is found there.
-    """
-
-    model_config = TABLE
+class ChannelConfig(Table):
+    """What a channel says whatever its source is: network value = raw value * scale + offset, converted from `unit`."""
 
     source: Text = Field(description="the name of the [sources.<name>] table that delivers it")
     unit: Text = Field(description='the unit of the value after scale and offset, such as "degC" or "kW"')
@@ -101,7 +94,7 @@ class ChannelConfig(BaseModel):
 class UnboundChannel(ChannelConfig):
     """A channel whose source is not known: what depends on the kind of source is passed over."""
 
-    model_config = TABLE | {"extra": "ignore"}
+    model_config = ConfigDict(extra="ignore")
 
 
 class WatchedChannelConfig(ChannelConfig):
@@ -123,7 +116,6 @@ class Binding(NamedTuple):
     usual: tuple[float, float] = (-inf, inf)
 
     def edge(self, rollover: float | None = None) -> Edge:
-        """How raw values become values of the channel."""
         return self.channel.edge(self.unit, rollover, self.usual)
 
     def reads_like(self, other: Binding) -> bool:
@@ -135,15 +127,10 @@ class Binding(NamedTuple):
 _OF_THE_ZONE = {"aggregate", "max_age", "installed", "share", "forecast"}
 
 
-class SourceConfig(BaseModel):
-    """[sources.<name>]: the table of a source. A kind of source is a subclass of it, listed in `adapters.kinds`.
-
-    A `live` source tells what is now, a recorded one what was. `example` is how a channel, in a table of the model
-    `channel`, says where its value is found. `source` is the class of the source, as module:class, which is imported
-    when one is built.
-    """
-
-    model_config = TABLE
+class SourceConfig(Table):
+    """[sources.<name>]: the table of a source; its subclasses are listed in `adapters.kinds`. `live`: it tells what is
+    now, not what was. `example`: how a table of `channel` says where its value is found. `source`: its class, as
+    module:class, imported when one is built."""
 
     live: ClassVar[bool]
     channel: ClassVar[type[ChannelConfig]]
@@ -158,21 +145,16 @@ class SourceConfig(BaseModel):
         raise NotImplementedError
 
     def build(self, name: str, bindings: Sequence[Binding]) -> Source:
-        """The source called `name`, delivering to `bindings`."""
         return resolve_name(self.source)(name, self, bindings)
 
 
 class RecordedConfig(SourceConfig):
-    """The table of a recorded source."""
-
     live: ClassVar[bool] = False
 
     pace: Pace = Field(default=inf, description='multiple of real time; `"max"`: as fast as possible')
 
 
 class LiveConfig(SourceConfig):
-    """The table of a live source."""
-
     live: ClassVar[bool] = True
 
     stuck_after: PositiveDuration | None = None

@@ -11,13 +11,10 @@ from adapters.units import IDENTITY, Affine
 
 @dataclass(frozen=True)
 class Edge:
-    """How the raw values of a channel become values in the network's unit.
-
-    Raw value times `scale` plus `offset` is in the channel's own unit; `conversion` takes it to the network's, in which
-    `valid` bounds what is believed. A `counter` counts energy: the difference of two readings over the time between
-    them is the value. `rollover` is the raw value at which it starts again from 0, None if it never does. What lies
-    outside `usual` is believed as well, but a person who sets the channel up is told.
-    """
+    """How the raw values of a channel become values in the network's unit. Raw value times `scale` plus `offset` is in
+    the channel's own unit; `conversion` takes it to the network's, in which `valid` bounds what is believed. A
+    `counter` gives the difference of two readings over the time between them, and starts again from 0 at the raw value
+    `rollover` (None: never). Of what lies outside `usual` a person who sets the channel up is told."""
 
     scale: float = 1.0
     offset: float = 0.0
@@ -42,7 +39,6 @@ class Edge:
         return None if self.valid[0] <= value <= self.valid[1] else Fault.OUT_OF_RANGE
 
     def is_usual(self, value: float) -> bool:
-        """Whether `value`, in the network's unit, is what one would expect."""
         return self.fault(value) is None and self.usual[0] <= value <= self.usual[1]
 
     def doubt(self, value: float) -> str | None:
@@ -97,7 +93,6 @@ class Converter:
         return self._believed(time, self.edge.value(raw), quality)
 
     def bad(self, time: float, fault: Fault) -> Reading:
-        """A reading that could not be had or is not to be used."""
         return Reading(self.channel, time, nan, Quality.BAD, fault)
 
     def _power(self, time: float, raw: float, quality: Quality) -> Reading | None:
@@ -127,12 +122,8 @@ class Converter:
 
 
 class LiveConverter(Converter):
-    """A converter of live telemetry, which does not believe a raw value that has not changed for long: after
-    `stuck_after` s it is uncertain, after twice as long bad.
-
-    A sensor that works shows its own noise in the last digit; one whose raw value stays the same to the bit for hours
-    has frozen, or its bus has.
-    """
+    """A converter of live telemetry, for which a raw value unchanged for `stuck_after` s is uncertain, and for twice as
+    long bad: a sensor that works shows its own noise in the last digit."""
 
     def __init__(self, channel: str, edge: Edge, longest_stretch: float, stuck_after: float | None) -> None:
         """`longest_stretch`: no power is made of counts that lie further apart, in s. `stuck_after` None: nothing is

@@ -7,10 +7,8 @@ from functools import lru_cache
 
 @lru_cache(maxsize=16)
 def public_holidays(country: str) -> Container[object]:
-    """The public holidays, as dates, of a country such as "DE" or a part of one such as "DE-BW".
-
-    ValueError with one sentence for a country that nobody knows.
-    """
+    """The public holidays, as dates, of a country such as "DE" or a part such as "DE-BW"; ValueError for an unknown
+    one."""
     try:
         package = importlib.import_module("holidays")
     except ImportError:

@@ -18,12 +18,10 @@ class RecordedSource(Source):
         self.name = name
         self._pace, self._closed = table.pace, False
         self._edges = [(one.id, one.edge()) for one in bindings]
-        """Of each channel its id and its edge."""
         self._origin: tuple[float, float] | None = None
         """The time of the loop and of the recording at which it began to play."""
 
     async def close(self) -> None:
-        """End the delivery; safe to call twice."""
         self._closed = True
 
     async def _played(

@@ -34,12 +34,8 @@ class Fault(StrEnum):
 
 
 class Reading(NamedTuple):
-    """One value of one channel.
-
-    `channel` is the id of the binding that asked for it ("zone/channel"), `time` is UTC in seconds since 1970 (NaN
-    if the timestamp itself was refused), `value` is in the network's unit for that channel (NaN when bad). A missing
-    cell is no reading at all.
-    """
+    """One value of the channel with this id ("zone/channel"). `time` is UTC s (NaN if the timestamp was refused),
+    `value` in the network's unit (NaN when bad). A missing cell is no reading at all."""
 
     channel: str
     time: float
@@ -49,22 +45,17 @@ class Reading(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Readings that arrived together.
-
-    `now` is the source's clock in UTC seconds: readings up to it have been delivered. It is -inf while unknown.
-    """
+    """Readings that arrived together; those up to `now`, the source's clock (UTC s, -inf while unknown), were
+    delivered."""
 
     readings: list[Reading]
     now: float
 
 
 class Probe(NamedTuple):
-    """What one look at a channel found, for the person who sets it up.
-
-    `place` says where the value was looked for and `raw` what was found there, both as people write it. `value` is in
-    the network's unit and `time` UTC seconds; None where there is none. `verdict` is "good" or one sentence. `hints`
-    are other readings of the same raw value that might be meant.
-    """
+    """What one look at a channel found, for the person who sets it up: where (`place`) and what (`raw`), its `value` in
+    the network's unit and `time` (UTC s) if any, a `verdict`, "good" or a sentence, and `hints` at what might be
+    meant."""
 
     channel: str
     place: str
@@ -85,11 +76,9 @@ class Source(Protocol):
         return []
 
     def batches(self, start: float | None) -> AsyncIterator[Batch]:
-        """Deliver batches in order. A recorded source begins with UTC time `start` (None: its beginning) and ends; a
-        live one begins with now and does not end by itself.
-
-        Raises SourceUnavailable for what may pass, after which it may be called again, and SourceConfigError.
-        """
+        """Deliver batches in order: a recorded source from UTC s `start` (None: its beginning) to its end, a live one
+        from now on. Raises SourceUnavailable for what may pass, after which it may be called again, and
+        SourceConfigError."""
         ...
 
     async def probe(self, seconds: float) -> list[Probe]:

@@ -20,7 +20,6 @@ class Rhythm:
         self._due = asyncio.get_running_loop().time() + delay
 
     async def wait(self) -> None:
-        """Wait until the next poll is due."""
         now = asyncio.get_running_loop().time()
         began, self._due = self._due, self._due + self._every
         if now < self._due + self._every:

@@ -19,10 +19,8 @@ class Router:
     """Splits the batches of `source`, once each, by the zone in the channel ids "zone/channel"."""
 
     def __init__(self, source: str, channels: Iterable[str]) -> None:
-        """`channels`: every channel id that the source delivers."""
         self.source = source
         self.zones: tuple[str, ...] = ()
-        """The zones that get a share."""
         self._zone_of: dict[str, str] = {}
         self.adopt(channels)
 
@@ -38,10 +36,8 @@ class Router:
         self._alone = set(self._zone_of.values()) == set(self.zones) and len(self.zones) == 1
 
     def split(self, batch: Batch) -> list[Delivery]:
-        """One delivery for every zone of the source, also without readings: the clock concerns them all.
-
-        Raises KeyError for a channel id that was never announced.
-        """
+        """One delivery for every zone, also without readings: the clock concerns them all. KeyError for an unknown
+        channel."""
         if self._alone:
             return [Delivery(self.zones[0], self.source, batch.readings, batch.now)]
         shares: dict[str, list[Reading]] = {zone: [] for zone in self.zones}

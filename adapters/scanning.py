@@ -4,10 +4,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 
 class Scan(NamedTuple):
-    """What is looked at: devices (Modbus: unit ids, BACnet: instances) and registers from the first to the last, both
-    as the operator numbers them, None for the source's own; and for how long answers to a broadcast, or messages of a
-    broker, are waited for, s.
-    """
+    """What is looked at: `devices` (Modbus units, BACnet instances) and `registers`, the first and the last as the
+    operator numbers them (None: the source's own), and for how many `seconds` answers are waited for."""
 
     devices: tuple[int, int] | None = None
     registers: tuple[int, int] | None = None

@@ -31,12 +31,9 @@ Parser = Callable[[str], tuple[float, bool]]
 
 
 def timestamp_parser(pattern: str) -> Parser:
-    """A parser for `pattern`: "iso8601", "epoch" (seconds since 1970, UTC) or a strptime pattern, in which a literal Z,
-    UTC or GMT after the time, or such a word where %Z is, says that the time is in UTC.
-
-    Raises SourceConfigError for a pattern that cannot be parsed, does not hold a full date, or cannot tell an afternoon
-    from a morning.
-    """
+    """A parser for `pattern`: "iso8601", "epoch" (seconds since 1970, UTC) or a strptime pattern, in which Z, UTC or
+    GMT after the time, or where %Z is, means UTC. SourceConfigError for one that cannot be parsed, does not hold a full
+    date, or cannot tell an afternoon from a morning."""
     if pattern == "iso8601":
         return lambda text: _seconds(datetime.fromisoformat(text))
     if pattern == "epoch":
@@ -98,11 +95,8 @@ def time_zone(name: str) -> ZoneInfo:
 
 
 def local_to_utc(local: Array, zone: ZoneInfo) -> Array:
-    """UTC seconds of wall-clock seconds `local` (n,), which stand in the order of the file.
-
-    The hour that autumn repeats is told apart by that order (`_second_pass`). A wall-clock time that spring skips
-    becomes NaN.
-    """
+    """UTC s of wall-clock seconds `local` (n,) in the order of the file, by which the two passes of the hour that
+    autumn repeats are told apart (`_second_pass`); NaN for a time that spring skips."""
     hours, hour_of = np.unique(np.floor(local / 3600.0), return_inverse=True)
     utc = local - np.array([_steady_offset(zone, hour) for hour in hours], dtype=np.float64)[hour_of]
     changing = np.flatnonzero(np.isnan(utc))
@@ -130,14 +124,10 @@ def _offset(zone: ZoneInfo, local: float, fold: int) -> float:
 
 
 def _second_pass(local: Array, repeated: Indices, length: Array, backwards: bool) -> npt.NDArray[np.bool_]:
-    """Which of the rows `repeated` (k,) of the file, whose wall-clock times the clock repeats, belong to the second
-    pass.
-
-    The second pass begins where local time steps back furthest, so that a record or two out of order does not pass for
-    the clock change. Without any step back there was one pass only, taken to be the first; unless each pass has one
-    record, as in an hourly recording (`_one_each`). `local` (n,) are the wall-clock seconds of all rows; `length` (k,)
-    is how much wall-clock time the clock change repeats, in s. `backwards` says that the file runs from new to old.
-    """
+    """Which of the rows `repeated` (k,), whose wall-clock times the clock repeats for `length` (k,) s, belong to the
+    second pass. It begins where local time steps back furthest, so that a record out of order does not pass for the
+    clock change. Without a step back there was the first pass only, unless each has one record (`_one_each`). `local`
+    (n,) are the wall-clock seconds of all rows; `backwards`: the file runs from new to old."""
     near = local[repeated]
     later = np.zeros(near.size, dtype=np.bool_)
     order = np.argsort(near, kind="stable")
@@ -157,12 +147,9 @@ def _second_pass(local: Array, repeated: Indices, length: Array, backwards: bool
 
 
 def _one_each(local: Array, pair: Indices, length: float) -> bool:
-    """Whether the rows `pair` of one repeated stretch of `length` s are one record of either pass.
-
-    They have the same wall-clock time then. Other records are at least `length` s away, so a recording with a shorter
-    step has merely written a row twice; and their times do not repeat, as they would if every row was written twice.
-    Without other records neither can be told.
-    """
+    """Whether the rows `pair` of a repeated stretch of `length` s are one record of either pass, at the same wall-clock
+    time. Other records are then at least `length` s away, or a row was merely written twice; and their times differ, or
+    every row was. Without other records neither can be told."""
     first, last = pair.min(), pair.max()
     sides = (local[max(first - 2, 0) : first], local[last + 1 : last + 3])
     return bool(

@@ -39,12 +39,9 @@ _ANY = (-1e9, 1e9)
 
 
 def conversion(from_unit: str, to_unit: str, nominal: float | None = None) -> Affine:
-    """The conversion from `from_unit` to `to_unit`.
-
-    A unit that is not known here (a user's own heat-input unit) converts to itself only. Percent become power by
-    `nominal`, the power at 100 % in `to_unit`. Energy becomes power times s: what is left to do is to divide a
-    difference, or an amount, by the time that it took. Raises SourceConfigError with the units that would do.
-    """
+    """The conversion from `from_unit` to `to_unit`; a unit not known here (a user's own) converts to itself only.
+    Percent become power by `nominal`, the power at 100 % in `to_unit`; energy becomes power times s, to be divided by
+    the time that it took. Raises SourceConfigError with the units that would do."""
     if from_unit == to_unit:
         return IDENTITY
     for dimension, units in _DIMENSIONS.items():

@@ -44,10 +44,8 @@ class Verdict(NamedTuple):
 
 
 class Watched:
-    """A channel of a live source at work, with what has to be remembered of its last values.
-
-    `point` is where its raw value is found, `place` the same in the operator's words.
-    """
+    """A channel of a live source, with what is remembered of its last values. `point` is where its raw value is found,
+    `place` the same in the operator's words."""
 
     point: Any
 
@@ -110,11 +108,9 @@ class Channels(Generic[AtWork]):
         return list(self._at)
 
     def all(self) -> list[AtWork]:
-        """All of them."""
         return [channel for at_point in self._at.values() for channel in at_point]
 
     def at(self, point: Hashable) -> Sequence[AtWork]:
-        """The channels whose raw value is found at `point`."""
         return self._at.get(point, ())
 
     def readings(
@@ -125,7 +121,6 @@ class Channels(Generic[AtWork]):
         return [reading for reading in found if reading is not None]
 
     def bad(self, point: Hashable, fault: Fault) -> list[Reading]:
-        """Bad readings of the channels of `point`, now."""
         return [channel.converter.bad(time.time(), fault) for channel in self.at(point)]
 
     def names(self, point: Hashable) -> str:
@@ -175,7 +170,6 @@ class LiveSource(Source):
         self._listed, self._rebound = tuple(bindings), True
 
     async def close(self) -> None:
-        """Disconnect; safe to call twice."""
         if self._link is not None:
             await self._link.close()
 

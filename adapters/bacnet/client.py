@@ -116,8 +116,6 @@ class BacnetLink:
             raise SourceUnavailable(f"the BBMD {network.bbmd} {what}; check bbmd, and that it accepts foreign devices")
 
     def listen(self, heard: Callable[[Notification], None]) -> None:
-        """Let `heard` know what subscriptions bring."""
-
         def notified(apdu: UnconfirmedCOVNotificationRequest) -> None:
             try:
                 values = {int(item.propertyIdentifier): _value(item.value) for item in apdu.listOfValues}

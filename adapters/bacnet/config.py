@@ -93,11 +93,9 @@ class BacnetChannelConfig(WatchedChannelConfig):
 
     @property
     def address(self) -> str:
-        """Device and object."""
         return f"device {self.device} {self.object}"
 
     def within(self, table: BacnetConfig) -> Self:
-        """With what the source says for all of its channels; ValueError where the result cannot be read."""
         channel = super().within(table)
         if self.device not in (None, table.device):
             # The source says where its own device is.

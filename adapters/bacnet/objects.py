@@ -62,5 +62,4 @@ def parse_object(text: str) -> ObjectId:
 
 
 def is_numeric(object: ObjectId) -> bool:
-    """Whether the present value of `object` is a number."""
     return object.type in _NAMES

@@ -27,7 +27,6 @@ class BacnetChannel(Watched):
 
     @property
     def is_temperature(self) -> bool:
-        """Whether it is known to be a temperature."""
         return self.unit in ("degC", "K", "degF")
 
 
@@ -41,7 +40,6 @@ class Seen(NamedTuple):
 
 
 def judged(channel: BacnetChannel, seen: Seen) -> Verdict:
-    """What `seen` says to `channel`."""
     try:
         stated = Flags() if seen.flags is None else flags(seen.flags)
         raw = number(seen.value)

@@ -40,11 +40,9 @@ _log = logging.getLogger(__name__)
 
 @dataclass
 class Followed:
-    """An object that has channels: what was last seen of it, and when that was read (monotonic s).
-
-    `renew` is when its subscription is to be renewed (monotonic s), None without one. `refused` and `not_offered`: it,
-    or a subscription to it, is not asked for until the next refresh.
-    """
+    """What was last seen of an object that has channels, when it was read, and when its subscription is to be renewed
+    (monotonic s; None without one). `refused`, `not_offered`: it, or a subscription to it, is not asked for until the
+    next refresh."""
 
     seen: Seen | None = None
     units: int | None = None
@@ -68,7 +66,6 @@ class Session:
     ) -> None:
         self.silent: bool | None = None
         self.reason = ""
-        """Why it is silent."""
         self.objects: dict[ObjectId, Followed] = {}
         self.rhythm = Rhythm(f"sources.{source} device {device}", table.poll)
         self._source, self._instance, self._link = source, device, link
@@ -120,11 +117,9 @@ class Session:
         return self._instance, object
 
     def _address(self) -> str | None:
-        """Where the channels say that the device is."""
         return addresses(self._channels.all()).get(self._instance)
 
     async def _look(self) -> None:
-        """Bring one reading of every channel."""
         wanted = [object for device, object in self._channels.points if device == self._instance]
         self.objects = {object: self.objects.get(object) or Followed() for object in wanted}
         if self._device is None:

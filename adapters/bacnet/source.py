@@ -36,12 +36,9 @@ _log = logging.getLogger(__name__)
 
 
 class BacnetSource(LiveSource):
-    """Devices of a BACnet/IP network, each followed by itself; readings are dated when their answer arrives.
-
-    A batch is what one device brings in one poll. An object that its device refuses costs its channels alone. A device
-    that is silent is asked again after pauses that grow to 30 s; if all are, `batches` raises SourceUnavailable, and is
-    to be called again.
-    """
+    """Devices of a BACnet/IP network, each followed by itself; a batch is what one brings in a poll, dated when it
+    arrives. A silent device is asked again after pauses that grow to 30 s; if all are silent, `batches` raises
+    SourceUnavailable."""
 
     def __init__(self, name: str, table: BacnetConfig, bindings: Sequence[Binding]) -> None:
         super().__init__(name, bindings)
@@ -56,11 +53,9 @@ class BacnetSource(LiveSource):
 
     @property
     def late(self) -> int:
-        """How many polls of a device began later than they should have by a whole `poll` or more."""
         return self._late + sum(session.rhythm.late for session in self._sessions.values())
 
     def check(self) -> list[str]:
-        """Sentences about a library that is not installed, and about devices that cannot be found."""
         problems = []
         if find_spec("bacpypes3") is None:
             problems.append(
@@ -104,7 +99,6 @@ class BacnetSource(LiveSource):
                 self._late, self._sessions = self.late, {}
 
     async def probe(self, seconds: float) -> list[Probe]:
-        """Every channel, by a request of its own; who else is there, if a device does not answer."""
         from adapters.bacnet.client import NoAnswer, Refused
 
         async with self._opened(partial(self._made, beside=True)) as link:
@@ -136,7 +130,6 @@ class BacnetSource(LiveSource):
             return probes
 
     async def scan(self, wanted: Scan) -> Scanned:
-        """The devices that answer within the time of `wanted`, and their objects whose values are numbers."""
         from adapters.bacnet.scan import scan
 
         async with self._opened(partial(self._made, beside=True)) as link:
@@ -148,7 +141,6 @@ class BacnetSource(LiveSource):
         return BacnetLink(self._table, self._note, beside=beside)
 
     def _follow(self, link: BacnetLink, arrived: asyncio.Queue[Batch], tasks: dict[int, asyncio.Task[None]]) -> None:
-        """Follow every device that has channels, and no other."""
         from adapters.bacnet.session import Session
 
         devices = addresses(self._channels.all())
@@ -175,7 +167,6 @@ class BacnetSource(LiveSource):
         return f"{reasons[0]}{more}; check device, address and the network"
 
     def _note(self, kind: str) -> None:
-        """Something came that cannot be used."""
         self.malformed[kind] += 1
         if self._seldom(kind):
             say = "sources.%s: something came that cannot be used (%s); %d of this kind so far"

@@ -114,14 +114,12 @@ class ReadingApplication(Application):
         return super().request(apdu)
 
     async def indication(self, apdu: APDU) -> None:
-        """Take a request from the network."""
         if isinstance(apdu, HEARD):
             await super().indication(apdu)
         elif isinstance(apdu, ConfirmedRequestPDU):
             await self.response(RejectPDU(reason=_UNRECOGNIZED_SERVICE, context=apdu))
 
     async def do_UnconfirmedCOVNotificationRequest(self, apdu: UnconfirmedCOVNotificationRequest) -> None:
-        """Pass a notification on."""
         self.on_notification(apdu)
 
 
@@ -158,7 +156,6 @@ class _AccessPoint(ApplicationServiceAccessPoint):
             await super().confirmation(pdu)
 
     async def sap_response(self, apdu: APDU) -> None:
-        """Pass on what a transaction brought."""
         if isinstance(apdu, ConfirmedRequestPDU):
             # What it asks for is of no concern: it is refused.
             await ServiceAccessPoint.sap_response(self, apdu)
@@ -264,7 +261,6 @@ class Datagrams(Server[PDU]):
             self._note("frame")
 
     async def indication(self, pdu: PDU) -> None:
-        """Send `pdu`."""
         destination = pdu.pduDestination
         if isinstance(destination, LocalBroadcast):
             if not self.broadcasts:
@@ -289,8 +285,6 @@ class Datagrams(Server[PDU]):
 
 
 class _Receiver(asyncio.DatagramProtocol):
-    """One socket."""
-
     def __init__(self, datagrams: Datagrams, destination: Any) -> None:
         self._datagrams, self._destination = datagrams, destination
 

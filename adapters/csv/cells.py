@@ -40,11 +40,8 @@ class Cells(NamedTuple):
 
 
 def parse_numbers(cells: Sequence[str], decimal: str) -> Cells:
-    """Numbers out of text cells with `decimal` ("." or ",") as decimal mark.
-
-    With a decimal comma a point is refused, because "1.234" would be a thousand to its writer; so are the digit
-    separators ("1_000") that Python itself would let pass.
-    """
+    """Numbers out of text cells with `decimal` ("." or ",") as decimal mark. Refused are a point beside a decimal
+    comma, for "1.234" is a thousand to its writer, and Python's digit separators ("1_000")."""
     foreign = "_" if decimal == "." else "_."
     text = "".join(cells)
     if not any(mark in text for mark in foreign):

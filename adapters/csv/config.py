@@ -4,18 +4,16 @@ from pathlib import PurePath
 from typing import Annotated, ClassVar, Literal, Self
 from zoneinfo import ZoneInfo
 
-from pydantic import BaseModel, BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from adapters.channel import ChannelConfig, RecordedConfig
-from adapters.fields.tables import TABLE
+from adapters.fields.tables import Table
 from adapters.fields.values import Column, Delimiter, Encoding, FilePath, TimestampFormat, TimeZone, choice
 from adapters.timestamps import Parser, timestamp_parser
 
 
-class TimestampConfig(BaseModel):
+class TimestampConfig(Table):
     """`timestamp`: the column that holds the time, how it is written, and the zone of times without offset."""
-
-    model_config = TABLE
 
     column: Column = Field(description='the name of the timestamp column, such as "Timestamp"')
     format: TimestampFormat = Field(
@@ -25,19 +23,15 @@ class TimestampConfig(BaseModel):
 
     @property
     def parser(self) -> Parser:
-        """What reads a time of this format."""
         return timestamp_parser(self.format)
 
     @property
     def time_zone(self) -> ZoneInfo | None:
-        """The zone of times without offset."""
         return None if self.zone is None else ZoneInfo(self.zone)
 
 
-class LayoutConfig(BaseModel):
+class LayoutConfig(Table):
     """How a file is written."""
-
-    model_config = TABLE
 
     timestamp: TimestampConfig = Field(
         description='a table such as { column = "Timestamp", format = "iso8601", zone = "Europe/Berlin" }'
@@ -69,12 +63,10 @@ class CsvChannelConfig(ChannelConfig):
 
     @property
     def source_columns(self) -> tuple[str, ...]:
-        """The columns to add up, one or more."""
         return (self.column,) if self.column is not None else self.columns or ()
 
     @property
     def address(self) -> str:
-        """The columns."""
         return " + ".join(column or "(unnamed)" for column in self.source_columns)
 
 

@@ -14,7 +14,6 @@ from adapters.timestamps import Parser
 
 
 def is_parquet(path: Path) -> bool:
-    """Whether the file is one by its name."""
     return path.suffix.lower() == ".parquet"
 
 
@@ -27,10 +26,8 @@ def parquet_columns(path: Path) -> dict[str, bool]:
 def parquet_chunks(
     path: Path, timestamp: str, parser: Parser, columns: Collection[str], decimal: str, rows: int
 ) -> Iterator[Chunk]:
-    """`rows` rows at once of the time in column `timestamp` and the numbers in `columns`, all of which the file has.
-
-    A time that is a text or a number is read by `parser`; texts are numbers with the `decimal` mark.
-    """
+    """`rows` rows at once of the time in column `timestamp`, which `parser` reads where it is no time stamp, and of the
+    numbers in `columns`, which have the `decimal` mark where they are texts."""
     with _opened(path) as (arrow, file):
         for batch in file.iter_batches(rows, columns=list({timestamp, *columns})):
             yield Chunk(
@@ -41,7 +38,6 @@ def parquet_chunks(
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
-    """pyarrow and the file."""
     try:
         import pyarrow
         from pyarrow.parquet import ParquetFile

@@ -47,12 +47,9 @@ class CsvChannel:
 
 
 class Table(NamedTuple):
-    """The rows of one file in the order of time.
-
-    `order` (n,) is UTC seconds, never falling; `times` (n,) is the same but NaN where the timestamp was refused, such a
-    row standing with the one before it in the file. `values` and `status` have shape (n_channels, n); the values are
-    in the network's unit, except those of a counter, which are raw.
-    """
+    """The rows of one file in the order of time: `order` (n,) is UTC s, never falling; `times` (n,) the same, but NaN
+    where a timestamp was refused, such a row standing with the one before it. `values` and `status` are (n_channels,
+    n), values in the network's unit, but raw of a counter."""
 
     order: Array
     times: Array
@@ -101,11 +98,8 @@ def read_table(
     stopped: Callable[[], bool] = lambda: False,
     content: bytes | None = None,
 ) -> Table:
-    """Read a whole file, or `content` as if it stood there. Raises SourceUnavailable if it cannot be read,
-    SourceConfigError if a column is missing.
-
-    Where `stopped` turns true on the way, what has been read so far is returned.
-    """
+    """Read a whole file, or `content` as if it stood there, until `stopped` turns true. Raises SourceUnavailable if it
+    cannot be read, SourceConfigError if a column is missing."""
     chunks = []
     for chunk in _chunks(path, channels, layout, content):
         if stopped():
@@ -132,7 +126,6 @@ def read_table(
 
 
 def _joined(parts: Sequence[_Arrays]) -> _Arrays:
-    """Parallel arrays of several chunks, one after the other."""
     return type(parts[0])(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 

@@ -14,10 +14,8 @@ _DAY = 86400.0
 
 
 class Moments(NamedTuple):
-    """Parsed timestamps, parallel arrays of shape (n,).
-
-    `seconds` since 1970 are UTC, or wall-clock time where `naive`; NaN where a timestamp could not be parsed.
-    """
+    """Timestamps (n,): `seconds` since 1970 in UTC, or wall-clock time where `naive`; NaN where one cannot be
+    parsed."""
 
     seconds: Array
     naive: npt.NDArray[np.bool_]

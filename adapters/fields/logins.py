@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Self
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import Field, model_validator
 
 from adapters.errors import SourceConfigError
-from adapters.fields.tables import TABLE
+from adapters.fields.tables import Table
 from adapters.fields.values import FilePath, Flag, Text
 
 
@@ -38,10 +38,8 @@ def password(file: Path | None, variable: str | None) -> str:
     return os.environ[name]
 
 
-class LoginConfig(BaseModel):
+class LoginConfig(Table):
     """A user, and where the password is."""
-
-    model_config = TABLE
 
     user: Text | None = Field(default=None, description="user name")
     password_file: FilePath | None = Field(default=None, description="file with nothing but the password")
@@ -64,10 +62,8 @@ class LoginConfig(BaseModel):
             yield f"password_file: {self.password_file} cannot be read ({reason})"
 
 
-class CertificatesConfig(BaseModel):
+class CertificatesConfig(Table):
     """Certificates, as files in PEM."""
-
-    model_config = TABLE
 
     ca: FilePath | None = Field(default=None, description="authority of the other side, PEM; none: the well-known ones")
     certificate: FilePath | None = Field(default=None, description="own certificate, PEM")
@@ -81,7 +77,6 @@ class CertificatesConfig(BaseModel):
         return self
 
     def problems(self) -> Iterator[str]:
-        """What is wrong with the files that it names, one sentence each."""
         files = {"tls.ca": self.ca, "tls.certificate": self.certificate, "tls.private_key": self.private_key}
         missing = {name: reason for name, path in files.items() if path is not None and (reason := unreadable(path))}
         yield from (f"{name}: {files[name]} cannot be read ({reason})" for name, reason in missing.items())

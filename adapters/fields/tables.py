@@ -1,6 +1,9 @@
 """What every table of the configuration has in common."""
 
-from pydantic import ConfigDict
+from pydantic import BaseModel, ConfigDict
 
-TABLE = ConfigDict(extra="forbid", frozen=True)
-"""Unknown keys are mistakes, and a table that was read does not change."""
+
+class Table(BaseModel):
+    """Unknown keys are mistakes, and a table that was read does not change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)

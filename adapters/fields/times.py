@@ -31,10 +31,8 @@ def written_time(time: datetime | float) -> str:
 
 
 def written_to_the_millisecond(seconds: float) -> str:
-    """UTC `seconds` as RFC 3339 with milliseconds."""
     return utc(seconds).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def written_day(time: datetime) -> str:
-    """The UTC day of `time`."""
     return f"{time.astimezone(UTC):%Y-%m-%d}"

@@ -132,7 +132,6 @@ def identifier(value: object) -> str:
 
 
 def bearable(seconds: float) -> float:
-    """A time that something is waited for."""
     if seconds > LONGEST_TIMEOUT:
         raise ValueError(f"must be at most {format_duration(LONGEST_TIMEOUT)}, not {format_duration(seconds)}")
     return seconds
@@ -186,7 +185,6 @@ def is_loopback(host: str) -> bool:
 
 
 def _is_ip(host: str, what: str) -> bool:
-    """Whether `host` is an IP address that `what` is true of."""
     try:
         return bool(getattr(ipaddress.ip_address(host.strip("[]")), what))
     except ValueError:

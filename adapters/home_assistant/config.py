@@ -20,7 +20,6 @@ class HomeAssistantChannelConfig(ChannelConfig):
 
     @property
     def address(self) -> str:
-        """The entity."""
         return self.entity if self.attribute is None else f"{self.entity}, attribute {self.attribute}"
 
 

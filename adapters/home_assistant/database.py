@@ -81,12 +81,8 @@ class Stretches(NamedTuple):
 
 
 class Recorder(Database):
-    """The database of Home Assistant's recorder.
-
-    Of states a value holds until the next state, and is read again every `step`, so that an interval's mean weighs each
-    value by how long it held; "unavailable", "unknown" and what else is no number is missing. Of statistics it is the
-    mean of each hour. A counter's value is read when it changes.
-    """
+    """A state holds until the next one, and is read again every `step`, so that an interval's mean weighs it by its
+    time; what is no number is missing. Statistics are the means of hours. A counter's value is read when it changes."""
 
     def __init__(self, table: Any) -> None:
         super().__init__(table)
@@ -94,8 +90,6 @@ class Recorder(Database):
         """What the file holds, by the address of a channel."""
 
     def problems(self, channels: Sequence[Any]) -> list[str]:
-        """One sentence for a database that cannot be read, and for every entity that it lacks or has in another
-        unit."""
         try:
             with self._opened() as connection:
                 return _problems(connection, self.table, channels)
@@ -125,7 +119,6 @@ class Recorder(Database):
         return Points(*np.array(found, dtype=np.float64).reshape(-1, 2).T)
 
     async def newest(self, channel: Any) -> Points:
-        """All of its values, as they are recorded."""
         history = (await asyncio.to_thread(self._read, [channel]))[channel.address]
         return Points(history.begins, history.values)
 

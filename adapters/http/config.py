@@ -26,7 +26,6 @@ class HttpChannelConfig(WatchedChannelConfig):
 
     @property
     def address(self) -> str:
-        """Name, measurement, tags and field, as far as they are given."""
         if self.measurement is None:
             return self.name or "values posted for it"
         tags = "".join(f",{key}={value}" for key, value in self.tags.items())

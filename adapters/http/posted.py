@@ -12,12 +12,9 @@ _SHOWN = 80
 
 
 class Posted(NamedTuple):
-    """A posted value and what it is called.
-
-    A value of line protocol has the measurement as its `name`, its `field` and its `tags`; any other has a `name`
-    alone. `value` is as it was posted, or the fault for which there is none. `time` is UTC s, None where the client
-    gives none. `unit` is what the client says that `value` is in; None where it says nothing.
-    """
+    """A posted value and what it is called: its `name` alone, or of line protocol the measurement as `name`, its
+    `field` and `tags`. `value` may be the fault for which there is none; `time` (UTC s) and `unit` are None where not
+    given."""
 
     name: str
     value: float | Fault

@@ -96,7 +96,6 @@ class HttpSource(Source):
         return Received(taken, len(readings) - len(taken), counters)
 
     def zones_of(self, posted: Posted, zone: str | None = None) -> list[str]:
-        """The zone of each channel that asks for a value."""
         return [watched.zone for watched in self._meant(posted, zone)]
 
     def _meant(self, posted: Posted, zone: str | None) -> list[HttpChannel]:
@@ -114,11 +113,8 @@ class HttpSource(Source):
 
 
 class HttpChannel(Watched):
-    """What the values of a channel are called where they are posted, and what has to be remembered of the last ones.
-
-    `name` is what JSON and SenML may call it besides its id. Values of line protocol have the measurement and the
-    field, and every one of `tags`. A value that comes with a unit has to be in `unit` (None: in any).
-    """
+    """What the values of a channel are called where they are posted, and what is remembered of the last ones. `name` is
+    what JSON and SenML may call it besides its id; a value with a unit has to be in `unit` (None: in any)."""
 
     def __init__(self, binding: Binding, longest_stretch: float) -> None:
         super().__init__(binding, longest_stretch)
@@ -133,7 +129,6 @@ class HttpChannel(Watched):
 
     @property
     def counted(self) -> _Count:
-        """The last count."""
         return _Count(self._counted_until, copy(self.converter))
 
     @counted.setter

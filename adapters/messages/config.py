@@ -83,10 +83,8 @@ class MessagesConfig(LiveConfig):
 
 
 class MessageChannelConfig(WatchedChannelConfig):
-    """A channel of such a source; what is None is taken over from the source.
-
-    `noun` is what a place is called that messages come on, and the key that says where this one's do.
-    """
+    """A channel of such a source; None is taken over from the source. `noun` is the key that says where its messages
+    come."""
 
     noun: ClassVar[str]
 
@@ -109,11 +107,9 @@ class MessageChannelConfig(WatchedChannelConfig):
 
     @property
     def address(self) -> str:
-        """Place and format."""
         return " ".join(filter(None, (self.place, self.format, written(self.value or ()), self.record)))
 
     def within(self, table: Any) -> Self:
-        """With what the source says for all of its channels; ValueError where the result cannot be read."""
         form = self.format or table.format
         foreign = {"value", "time", "quality"} - set(FORMATS[form])
         for name in sorted(foreign, reverse=True):

@@ -81,7 +81,6 @@ def decode(payload: Payload | bytes, form: MessageChannelConfig, near: float) ->
 
 
 def shown(payload: bytes) -> str:
-    """`payload` for people, shortened."""
     return printable(payload.decode("utf-8", "backslashreplace"), _SHOWN)
 
 

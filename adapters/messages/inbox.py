@@ -18,11 +18,9 @@ MOST_BYTES = 2**24
 
 
 class Incoming(NamedTuple):
-    """A sample as it came: its key or topic, its payload, Zenoh's time stamp if it has one and when it came (UTC s).
-
-    `payload` is None where `size` is more than LONGEST_PAYLOAD, or where the key was deleted (`size` 0). `retained`:
-    a broker had kept it, and nobody knows for how long.
-    """
+    """A sample as it came: its key or topic, its payload (None: longer than LONGEST_PAYLOAD, or with `size` 0 deleted),
+    Zenoh's time stamp if it has one, its arrival (UTC s). `retained`: a broker had kept it, nobody knows for how
+    long."""
 
     key: str
     payload: bytes | None
@@ -46,8 +44,6 @@ class Taken(NamedTuple):
 
 
 class _Queue:
-    """What waits on one subscription."""
-
     def __init__(self) -> None:
         self.samples: deque[Incoming] = deque()
         self.bytes = 0
@@ -60,11 +56,8 @@ class _Queue:
 
 
 class Inbox:
-    """One bounded queue per subscription, filled by any thread and emptied by the event loop that made it.
-
-    A queue that is full drops its oldest samples: the newest say what is now. The queues have their turns one after the
-    other, so that a flood on one key neither costs nor delays what comes on another.
-    """
+    """One bounded queue per subscription, filled by any thread and emptied by the event loop that made it. A full queue
+    drops its oldest samples; queues take turns, so that a flood on one key neither costs nor delays another."""
 
     def __init__(self, keys: Iterable[str], room: int, most_bytes: int = MOST_BYTES_OF_ONE) -> None:
         """`room`: how many samples wait at most on each of `keys`; `most_bytes`: bytes of their payloads."""

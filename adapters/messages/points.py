@@ -39,7 +39,6 @@ class MessageChannel(Watched):
         self._table, self._seldom = table, Seldom()
 
     def read_all(self, incoming: Incoming, payload: Payload | None) -> Iterator[Reading]:
-        """The readings that a sample brings."""
         self.heard = True
         if self.known_until > incoming.arrived:
             # The clock that dated it was wrong and has been set back. Until it catches up, everything new would pass
@@ -114,12 +113,9 @@ class MessageChannel(Watched):
         return sorted(found, key=lambda dated: dated[0])
 
     def _date(self, decoded: Decoded, incoming: Incoming) -> tuple[float, str] | Rejected:
-        """The time in UTC s and where it comes from: the first of the `times` of the table that the sample has. One
-        more than its `max_ahead` s ahead of this machine's clock is refused.
-
-        A time that the payload counts from the arrival comes from the arrival, which a message that was kept or that
-        waited does not tell right.
-        """
+        """The time in UTC s and where it comes from: the first of the `times` of the table that the sample has, refused
+        where it is more than `max_ahead` s ahead of this machine's clock. One that the payload counts from the arrival
+        comes from the arrival, which is not known of a message that was kept or waited."""
         absolute = {"payload": decoded.time, "zenoh": incoming.stamp, "arrival": incoming.arrived}
         for name in self._table.times:
             when, origin = absolute[name], name
@@ -151,7 +147,6 @@ class MessageChannels(Channels[MessageChannel]):
             channel.known_until, channel.heard = channel.newest, False
 
     def came(self, key: str, samples: Sequence[Incoming]) -> Iterator[Reading]:
-        """The readings that `samples` of the subscription to `key` bring."""
         for incoming in samples:
             payload = None if incoming.payload is None else Payload(incoming.payload)
             for channel in self.at(key):

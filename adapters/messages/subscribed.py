@@ -47,11 +47,8 @@ _log = logging.getLogger(__name__)
 
 
 class SubscribedSource(LiveSource):
-    """The channels of a source, and what comes for them. Messages go from the threads of a client library into an
-    `Inbox`, so that neither side ever waits for the other.
-
-    A kind of source says how its link is opened, subscribed and watched (the methods below `scan`).
-    """
+    """The channels of a source, whose messages go from the threads of a client library into an `Inbox`. A kind of
+    source says how its link is opened, subscribed and watched (the methods below `scan`)."""
 
     def __init__(self, name: str, table: MessagesConfig, bindings: Sequence[Binding]) -> None:
         super().__init__(name, bindings)
@@ -64,12 +61,9 @@ class SubscribedSource(LiveSource):
         self._seldom = Seldom()
 
     def check(self) -> list[str]:
-        """Files that cannot be read, and a missing client library."""
         return [f"sources.{self.name}: {problem}" for problem in self._table.problems()]
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
-        """What is published, for ever. `start` is of no concern. Raises SourceUnavailable, after which it may be called
-        again, and SourceConfigError."""
         self._channels.replace(self._listed)
         self._channels.start_again()
         self._begun.clear()
@@ -145,11 +139,9 @@ class SubscribedSource(LiveSource):
         raise NotImplementedError
 
     async def _subscribe(self, link: Any, inbox: Inbox, keys: Sequence[str]) -> None:
-        """Subscribe to `keys`."""
         raise NotImplementedError
 
     async def _unsubscribe(self, link: Any, keys: Sequence[str]) -> None:
-        """Give the subscriptions to `keys` up."""
         raise NotImplementedError
 
     def _connected(self, link: Any, seconds: float) -> bool:
@@ -219,7 +211,6 @@ def published_here(place: str) -> bool:
 
 
 def described(incoming: Incoming) -> str:
-    """A place, and what could be read there."""
     found = numbers_in(incoming.payload or b"")
     if found and found[0][0]:
         return f"{incoming.key} with {', '.join(f'{pointer} {number:g}' for pointer, number in found)}"

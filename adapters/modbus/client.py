@@ -58,10 +58,8 @@ class _Nonsense(ModbusException):
 
 
 class Refused(Exception):
-    """The device answered that it has no such registers, or does not give them away; the text says why.
-
-    `lasting` says that it will answer the same again.
-    """
+    """The device has no such registers, or does not give them away; the text says why. `lasting`: it will answer so
+    again."""
 
     def __init__(self, reason: str, lasting: bool) -> None:
         super().__init__(reason)
@@ -76,11 +74,8 @@ class Answer(NamedTuple):
 
 
 class ModbusLink:
-    """One connection; requests go out one after the other. Made inside the event loop that uses it.
-
-    Of pymodbus' client it keeps what connects, closes, and reads each table. Should anything else reach the wire all
-    the same, it is stopped there.
-    """
+    """One connection; requests go out one after the other. Made inside the event loop that uses it. Of pymodbus' client
+    it keeps what connects, closes and reads; anything else is stopped on its way to the wire."""
 
     def __init__(self, line: ModbusConfig) -> None:
         client = _client(line)

@@ -34,11 +34,8 @@ not 0."""
 
 @dataclass(frozen=True)
 class Format:
-    """How the registers of a channel hold its number. `bit` counts from 0, the least significant, for a bool only.
-
-    `not_available` lists numbers that mean that there is no value, as the device's manual has them: raw patterns
-    (0x8000), decoded numbers (-32768), or NaN.
-    """
+    """How the registers of a channel hold its number. `bit`, of a bool only, counts from 0, the least significant;
+    `not_available` lists numbers that mean no value: raw patterns (0x8000), decoded numbers (-32768), or NaN."""
 
     type: str
     order: str = "ABCD"
@@ -47,7 +44,6 @@ class Format:
 
     @property
     def registers(self) -> int:
-        """How many registers the number fills."""
         return 1 if self.type == "bool" else struct.calcsize(NUMBERS[self.type]) // 2
 
     @property

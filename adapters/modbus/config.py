@@ -6,11 +6,11 @@ import math
 import warnings
 from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from adapters.channel import LiveConfig, WatchedChannelConfig
 from adapters.fields.durations import format_duration
-from adapters.fields.tables import TABLE
+from adapters.fields.tables import Table
 from adapters.fields.values import Duration, Flag, Port, PositiveDuration, Retries, Text, Timeout, choice, number, whole
 from adapters.modbus.codec import BIT_TABLES, ORDERS, REGISTERS_AT_MOST, TABLES, TYPES, Format
 
@@ -37,10 +37,8 @@ Absent = tuple[Annotated[float, BeforeValidator(absent)], ...]
 _ABSENT = "a list of numbers that mean no value, such as [0x8000, nan]"
 
 
-class SerialConfig(BaseModel):
+class SerialConfig(Table):
     """The serial port of transport "rtu"."""
-
-    model_config = TABLE
 
     device: Text = Field(description='the serial port, such as "/dev/ttyUSB0"')
     baudrate: Annotated[int, BeforeValidator(whole(300, 4_000_000))] = Field(
@@ -76,14 +74,12 @@ with warnings.catch_warnings():
 
         @property
         def address(self) -> str:
-            """Unit, table, register and type."""
             bit = "" if self.bit is None else f" bit {self.bit}"
             order = "" if self.type == "bool" else f" {self.order}"
             return f"unit {self.unit_id} {self.table} {self.register}{bit} {self.type}{order}"
 
         @property
         def switched(self) -> bool:
-            """Whether it is a single bit."""
             return self.type == "bool"
 
         @property
@@ -92,7 +88,6 @@ with warnings.catch_warnings():
             return Format(str(self.type), str(self.order), self.bit, self.not_available or ())
 
         def within(self, table: ModbusConfig) -> Self:
-            """With what the source says for all of its channels; ValueError where the result cannot be read."""
             channel = super().within(table)
             bits = channel.table in BIT_TABLES
             if bits or self.bit is not None:
@@ -163,7 +158,6 @@ class ModbusConfig(LiveConfig):
 
     @property
     def place(self) -> str:
-        """Where it leads to."""
         return self.serial.device if self.serial is not None else f"{self.host}:{self.port}"
 
     @property

@@ -27,11 +27,9 @@ class Request(NamedTuple):
 
 
 def plan(points: Iterable[Point], limits: ModbusConfig) -> list[Request]:
-    """The requests that read `points`, in the order of unit, table and address; equal points are read once.
-
-    `limits`: registers in a request, and registers without a channel that are read for the sake of fewer requests. Of
-    bits it is sixteen times as many. Without its `batch` every point has a request of its own.
-    """
+    """The requests that read `points`, by unit, table and address; equal points are read once. `limits`: registers in a
+    request, and those without a channel that are read to save one, of bits sixteen times as many; without its `batch`
+    every point has a request of its own."""
     requests: list[list[Point]] = []
     for point in sorted(set(points)):
         if requests and limits.batch and _fits(requests[-1], point, limits):

@@ -27,7 +27,6 @@ class ModbusChannel(Watched):
         self.place = f"unit {channel.unit_id} {channel.table} {self.register}{bit}"
 
     def judged(self, words: Sequence[int]) -> Verdict:
-        """The number in `words`, which stand at its point."""
         if not is_available(words, self.format):
             nothing = "not available: the device has no value here now"
             return Verdict(None, Quality.BAD, Fault.NOT_AVAILABLE, nothing)
@@ -35,7 +34,6 @@ class ModbusChannel(Watched):
 
 
 def readings(channels: Channels[ModbusChannel], request: Request, answer: Answer) -> Iterator[Reading]:
-    """The readings that the answer to `request` brings."""
     for point in request.points:
         begin = point.address - request.address
         words = tuple(answer.words[begin : begin + point.size])

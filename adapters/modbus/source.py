@@ -46,13 +46,9 @@ class _LeftAlone(NamedTuple):
 
 
 class ModbusSource(LiveSource):
-    """Modbus units behind one connection, polled at one pace; readings are dated when their answer arrives.
-
-    A batch is what one answer brings. A request that a device answers with an exception is split until the registers
-    that it refuses are found; their channels alone are lost, and asked for again later. A unit that is silent
-    is left alone for a while that grows to LONGEST_SILENCE, so that it does not hold up the others; if all are,
-    `batches` raises SourceUnavailable, and is to be called again.
-    """
+    """Modbus units behind one connection, polled at one pace; a batch is what one answer brings, dated when it arrives.
+    A refused request is split until the registers are found that are refused; they are asked for again later. A silent
+    unit is left alone for up to LONGEST_SILENCE; if all are silent, `batches` raises SourceUnavailable."""
 
     def __init__(self, name: str, table: ModbusConfig, bindings: Sequence[Binding]) -> None:
         super().__init__(name, bindings)
@@ -67,11 +63,9 @@ class ModbusSource(LiveSource):
 
     @property
     def late(self) -> int:
-        """How many polls began later than they should have by a whole `poll` or more."""
         return self._rhythm.late
 
     def check(self) -> list[str]:
-        """A sentence if a serial port is named and the library for it is not installed."""
         if self._table.serial is not None and find_spec("serial") is None:
             return [
                 f"sources.{self.name}: a serial port needs pyserial; install it with: pip install 'thermogate[serial]'"
@@ -93,7 +87,6 @@ class ModbusSource(LiveSource):
             return await probe_all(link, channels, min(seconds, _BETWEEN_COUNTS))
 
     async def scan(self, wanted: Scan) -> Scanned:
-        """The registers that units have, and what might be in them."""
         async with self._opened(partial(ModbusLink, self._table)) as link:
             return await scan(link, wanted, self._table)
 

@@ -52,12 +52,10 @@ class BrokerConfig(LoginConfig):
 
     @property
     def tcp_port(self) -> int:
-        """The port that is connected to."""
         return self.port or (PORT if self.tls is None else TLS_PORT)
 
     @property
     def place(self) -> str:
-        """Where it is, as a URL."""
         host = self.host or ""
         return f"{'mqtt' if self.tls is None else 'mqtts'}://{f'[{host}]' if ':' in host else host}:{self.tcp_port}"
 

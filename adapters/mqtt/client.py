@@ -41,7 +41,6 @@ class Client:
         self._loop = asyncio.get_running_loop()
         self._failure: SourceUnavailable | None = None
         self._reason: object = None
-        """Why the connection is lost."""
         self._ended = asyncio.Event()
         self._answers: dict[int | None, asyncio.Future[Any]] = {}
         """What the broker is waited for to say, by the number of the message; None: that it takes us."""
@@ -111,7 +110,6 @@ class Client:
                     _log.warning(say, self._broker.place, topic, granted)
 
     async def unsubscribe(self, topics: Iterable[str]) -> None:
-        """Give the subscriptions to `topics` up."""
         if listed := list(topics):
             await self._sent(self._library.unsubscribe(listed))
 
@@ -189,12 +187,9 @@ class Client:
 async def connected(
     broker: BrokerConfig, on_message: OnMessage | None = None, session: float = 0.0, will: Will | None = None
 ) -> AsyncIterator[Client]:
-    """A connection to `broker` for as long as the context lasts.
-
-    `on_message` is called for every message, in a thread of the library, and must not wait. The broker keeps the
-    subscriptions, and what comes on them meanwhile, for `session` s after the connection is lost. Raises
-    SourceUnavailable and SourceConfigError.
-    """
+    """A connection to `broker` for as long as the context lasts. `on_message` is called in a thread of the library, and
+    must not wait. The broker keeps subscriptions and their messages for `session` s after the connection is lost.
+    Raises SourceUnavailable and SourceConfigError."""
     for problem in broker.problems():
         raise SourceConfigError(problem)
     client = Client(broker, on_message, session, will)

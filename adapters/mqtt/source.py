@@ -80,12 +80,8 @@ class MqttSource(SubscribedSource):
                         await _said_goodbye(self._link, will.topic)
 
     async def _subscribe(self, link: Client, inbox: Inbox, keys: Sequence[str]) -> None:
-        """Each with its quality of service.
-
-        What waits at the broker while the connection is lost must say itself of when it is. A value without a time
-        would be dated when the connection is back; it is therefore not waited with. Whether a SenML pack has a time is
-        not known before it is there: it is taken to have one, since what does not wait is lost for good.
-        """
+        """Each with its quality of service: the broker is to keep what says its own time, as a SenML pack may, while
+        the connection is lost; a value without a time would be dated when it is back."""
         qos = dict.fromkeys(keys, self._table.qos or 0)
         if self._table.qos is None and "payload" in self._table.times:
             for key in keys:

@@ -5,13 +5,13 @@ from importlib.util import find_spec
 from typing import Annotated, ClassVar, Literal
 from urllib.parse import urlsplit
 
-from pydantic import BaseModel, BeforeValidator, Field
+from pydantic import BeforeValidator, Field
 
 from adapters.channel import ChannelConfig, LiveConfig, WatchedChannelConfig
 from adapters.errors import SourceConfigError
 from adapters.fields.durations import format_duration
 from adapters.fields.logins import LoginConfig
-from adapters.fields.tables import TABLE
+from adapters.fields.tables import Table
 from adapters.fields.times import written_time
 from adapters.fields.values import FilePath, Flag, PositiveDuration, Timeout, check, choice, matching, text
 from adapters.fields.words import shown
@@ -55,14 +55,11 @@ class NodeConfig(ChannelConfig):
 
     @property
     def address(self) -> str:
-        """Its node."""
         return self.node
 
 
-class SecurityConfig(BaseModel):
+class SecurityConfig(Table):
     """security of a server."""
-
-    model_config = TABLE
 
     mode: Annotated[str, BeforeValidator(choice(*MODES))] = Field(
         default="encrypt", description="sign the messages, or sign and encrypt them"

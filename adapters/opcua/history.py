@@ -36,7 +36,6 @@ class History(Database):
         return Points(grid[known], values[last[known]])
 
     async def close(self) -> None:
-        """End the session; safe to call twice."""
         link, self._link = self._link, None
         if link is not None:
             await link.close()

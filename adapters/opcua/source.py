@@ -42,12 +42,9 @@ class OpcuaChannel(Watched):
 
 
 class OpcuaSource(LiveSource):
-    """The nodes of one server: a subscription to those that it offers, and one request for the others, at every poll.
-
-    A batch is what one poll brings. A value is dated by its source if that time stamp is from after the last poll, and
-    by the poll otherwise: most servers leave the time stamp of a value that stays the same. Where the connection is
-    lost `batches` raises SourceUnavailable, and is to be called again.
-    """
+    """The nodes of one server, subscribed to or read at every poll, which brings a batch. A value has the time stamp of
+    its source if that is from after the last poll, else the poll's: most servers leave that of a value that stays the
+    same. `batches` raises SourceUnavailable where the connection is lost."""
 
     def __init__(self, name: str, table: OpcuaConfig, bindings: Sequence[Binding]) -> None:
         super().__init__(name, bindings)
@@ -59,7 +56,6 @@ class OpcuaSource(LiveSource):
 
     @property
     def late(self) -> int:
-        """How many polls began later than they should have by a whole `poll` or more."""
         return self._rhythm.late
 
     def check(self) -> list[str]:
@@ -83,7 +79,6 @@ class OpcuaSource(LiveSource):
                 await self._rhythm.wait()
 
     async def probe(self, seconds: float) -> list[Probe]:
-        """Every channel, and the unit that the server states of it."""
         channels = [OpcuaChannel(binding, self._table.poll) for binding in self._listed]
         nodes = list(dict.fromkeys(channel.point for channel in channels))
         async with self._opened(self._made) as link:
@@ -91,7 +86,6 @@ class OpcuaSource(LiveSource):
         return [_probed(channel, seen[channel.point], units.get(channel.point)) for channel in channels]
 
     async def scan(self, wanted: Scan) -> Scanned:
-        """The variables of the server whose values are numbers."""
         async with self._opened(self._made) as link:
             names = await link.variables(MOST)
             seen = await link.read(list(names))

@@ -25,11 +25,9 @@ class Seen(NamedTuple):
 
     @property
     def is_refusal(self) -> bool:
-        """Whether the server does not give the node away."""
         return self.status in _REFUSALS
 
     def judged(self) -> Verdict:
-        """The number in it."""
         if self.is_refusal:
             sentence = f"the server refuses it: {self.status}; check node, or list what there is with --scan"
             return Verdict(None, Quality.BAD, Fault.REFUSED_BY_DEVICE, sentence)

@@ -18,12 +18,9 @@ LONGEST_NAME = 256
 
 
 class Record(NamedTuple):
-    """A resolved record.
-
-    `value` is a number or bool, or None where there is none; `text` says that it has some other kind of value instead.
-    `time` is UTC s, or s from now on where it is below ABSOLUTE_FROM; None if not given. `unit` is written as
-    Thermogate writes it. `fields` are the record's own, as they came.
-    """
+    """A resolved record: `value` is a number or bool, None where there is none; `text`: it has another kind of value.
+    `time` is UTC s, or s from now on below ABSOLUTE_FROM. `unit` is written as Thermogate writes it, `fields` are as
+    they came."""
 
     name: str
     value: float | bool | None
@@ -34,10 +31,8 @@ class Record(NamedTuple):
 
 
 def records(document: object) -> Iterator[Record]:
-    """The records of a pack, which is an array of objects; a single object is taken for an array of one.
-
-    Raises ValueError with one sentence where the pack as a whole cannot be understood.
-    """
+    """The records of a pack, an array of objects or a single one; ValueError with one sentence for what is no such
+    pack."""
     pack = [document] if isinstance(document, dict) else document
     if not isinstance(pack, list):
         raise ValueError("is no SenML pack, which is an array of records")

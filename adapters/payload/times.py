@@ -14,11 +14,8 @@ class NaiveTime(ValueError):
 
 
 def parse_time(value: object, form: str, zone: ZoneInfo | None, near: float) -> float:
-    """UTC s of `value`, written as `form` (one of TIME_FORMATS).
-
-    A local time without offset is taken to be in `zone`; in the hour that comes twice in autumn it is the one that is
-    nearer to `near` (UTC s), when the payload came. Raises ValueError with one sentence, NaiveTime without a zone.
-    """
+    """UTC s of `value`, written as `form` (one of TIME_FORMATS). A time without offset is in `zone`, in the hour that
+    comes twice the one nearer to `near` (UTC s). Raises ValueError with one sentence, NaiveTime without a zone."""
     if form == "iso8601":
         if not isinstance(value, str):
             raise ValueError(f'has the time {value!r}, which is no text; set time_format to "epoch" or "epoch_ms"')

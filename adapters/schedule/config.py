@@ -5,10 +5,10 @@ from typing import Annotated, ClassVar, Literal, Self
 from zoneinfo import ZoneInfo
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from adapters.channel import ChannelConfig, SourceConfig
-from adapters.fields.tables import TABLE
+from adapters.fields.tables import Table
 from adapters.fields.values import Country, Number, Text, TimeZone, check, matching
 from adapters.fields.words import listed
 from adapters.holidays import public_holidays
@@ -20,10 +20,8 @@ _clock = check(matching(r"([01]\d|2[0-3]):([0-5]\d)"), 'must be a time of day su
 _day = check(lambda value: value if value in _DAYS else None, f"must be one of {', '.join(_DAYS)}, not {{}}")
 
 
-class DaysConfig(BaseModel):
+class DaysConfig(Table):
     """`days`: days of the week that have the same values at the same times."""
-
-    model_config = TABLE
 
     on: tuple[Annotated[str, BeforeValidator(_day)], ...] = Field(
         min_length=1, description='a list of days, such as ["mon", "tue"]; `"holiday"`: public holidays'
@@ -57,7 +55,6 @@ class ScheduleChannelConfig(ChannelConfig):
 
     @property
     def address(self) -> str:
-        """The schedule."""
         return f"the schedule {self.source}"
 
     @property
@@ -71,7 +68,6 @@ class ScheduleChannelConfig(ChannelConfig):
 
     @property
     def foreknown(self) -> Callable[[Array], Array]:
-        """Its values at times (h,) [UTC s]."""
         week, edge = self.week, self.edge("degC")
         return lambda times: np.array([edge.value(value) for value in week.values(times).tolist()])
 

@@ -21,7 +21,6 @@ class ScheduleSource(Source):
         self.rebind(bindings)
 
     def rebind(self, bindings: Sequence[Binding]) -> None:
-        """These are the channels from now on."""
         self._channels = [(Converter(one.id, one.edge()), one.channel.week) for one in bindings]
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
@@ -36,7 +35,6 @@ class ScheduleSource(Source):
                 continue
 
     async def probe(self, seconds: float) -> list[Probe]:
-        """What every channel has now."""
         now = time.time()
         now_had = [(converter, week.at(now)) for converter, week in self._channels]
         return [Probe(one.channel, "the schedule", f"{raw:g}", one.edge.value(raw), now) for one, raw in now_had]

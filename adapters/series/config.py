@@ -32,7 +32,6 @@ class SeriesChannelConfig(ChannelConfig):
 
     @property
     def address(self) -> str:
-        """The query."""
         return self.query
 
 
@@ -47,7 +46,6 @@ class HistoryConfig(RecordedConfig):
 
     @property
     def asked(self) -> Database:
-        """The database."""
         raise NotImplementedError
 
 
@@ -64,7 +62,6 @@ class SeriesConfig(LoginConfig, HistoryConfig):
 
     @property
     def server(self) -> Server:
-        """The server, and as whom it is asked."""
         return Server(self.url, self)
 
 

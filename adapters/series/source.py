@@ -23,11 +23,9 @@ class SeriesSource(RecordedSource):
         self._channels = [binding.channel for binding in bindings]
 
     def check(self) -> list[str]:
-        """What the database says is wrong with the channels, as far as that can be told without asking a server."""
         return [f"sources.{self.name}: {problem}" for problem in self._database.problems(self._channels)]
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
-        """Deliver the readings from UTC second `start` on. Raises SourceUnavailable and SourceConfigError."""
         converters = [Converter(*one) for one in self._edges]
 
         async def read(begin: float, end: float) -> list[Reading]:
@@ -51,7 +49,6 @@ class SeriesSource(RecordedSource):
             await self._database.close()
 
     async def probe(self, seconds: float) -> list[Probe]:
-        """The newest value of every channel."""
         probes = []
         with said_of(self.name):
             for (id, edge), channel in zip(self._edges, self._channels, strict=True):

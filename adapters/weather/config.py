@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from adapters.csv.config import LayoutConfig
 from adapters.fields.addresses import is_web_address
-from adapters.fields.tables import TABLE
+from adapters.fields.tables import Table
 from adapters.fields.values import FilePath, PositiveDuration, Text, choice
 from adapters.weather.forecast import MEANS, WeatherSource
 from adapters.weather.heard import HeardForecasts
@@ -17,10 +17,8 @@ from adapters.zenoh.connection import Mode, SessionConfig
 _DAY = 86400.0
 
 
-class WeatherConfig(BaseModel):
+class WeatherConfig(Table):
     """[weather.<name>]: the table of a forecast. A kind of forecast is a subclass of it, listed in WEATHER_KINDS."""
-
-    model_config = TABLE
 
     kind: str
     max_age: PositiveDuration = Field(default=_DAY, description="an older forecast is not used")

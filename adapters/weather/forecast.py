@@ -13,10 +13,7 @@ MEANS = ("instant", "preceding", "following")
 
 
 class WeatherSeries(NamedTuple):
-    """One series of a forecast: `values` (n,) in `unit` at `times` (n,), UTC s, increasing; `means` is one of MEANS.
-
-    `unit` is empty where the forecast does not say.
-    """
+    """A series: `values` (n,) in `unit` ("": not said) at `times` (n,), UTC s, increasing; `means` is one of MEANS."""
 
     times: Array
     values: Array
@@ -24,10 +21,8 @@ class WeatherSeries(NamedTuple):
     means: str = "instant"
 
     def interval_means(self, times: Array, period: float) -> Array:
-        """The mean (h,) over the intervals of `period` s that begin at `times` (h,); NaN where nothing is known.
-
-        Between instants it is a straight line, whose value in the middle of an interval stands for the interval.
-        """
+        """The mean (h,) over the intervals of `period` s from `times` (h,); NaN where nothing is known. Between
+        instants a line's value in the middle of an interval stands for it."""
         if len(self.times) < 2:
             return np.full(len(times), np.nan)
         middle, last = times + period / 2.0, self.times[-1]
@@ -49,8 +44,6 @@ class WeatherForecast(NamedTuple):
 
 
 class WeatherSource(Protocol):
-    """Where forecasts come from."""
-
     name: str
 
     def check(self) -> list[str]:

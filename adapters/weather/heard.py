@@ -23,7 +23,6 @@ class HeardForecasts:
         self._link: ZenohLink | None = None
 
     def check(self) -> list[str]:
-        """What is wrong with the key and with the files that the session names."""
         problem = key_problem(self._key)
         found = [] if problem is None else [f"weather.{self.name}.key: {problem}"]
         return found + [f"weather.{self.name}: {problem}" for problem in self._session.problems()]
@@ -51,7 +50,6 @@ class HeardForecasts:
             raise SourceUnavailable(f"weather.{self.name}: {error}") from error
 
     async def close(self) -> None:
-        """Close the session."""
         link, self._link = self._link, None
         if link is not None:
             await link.close()

@@ -35,11 +35,9 @@ class PolledForecasts(WeatherSource):
         self._problems = [f"weather.{name}: {problem}" for problem in problems]
 
     def check(self) -> list[str]:
-        """What is known to be wrong."""
         return self._problems
 
     async def forecasts(self) -> AsyncIterator[WeatherForecast]:
-        """The forecast, and again whenever it has changed."""
         before: object = None
         while True:
             try:

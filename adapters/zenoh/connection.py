@@ -1,8 +1,4 @@
-"""Where a Zenoh session listens and connects and what it shows there: the same for the daemon's own session and for a
-source.
-
-It listens and connects where it is told and nowhere else: no multicast scouting, no gossip.
-"""
+"""How a Zenoh session listens, connects and is known, the daemon's own or a source's: only where and as it is told."""
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Literal, Self
@@ -63,7 +59,6 @@ class SessionConfig(LoginConfig):
 
     @property
     def place(self) -> str:
-        """Where it leads to."""
         return ", ".join((*self.connect, *(f"listening on {endpoint}" for endpoint in self.listening)))
 
     def problems(self) -> Iterator[str]:

@@ -40,11 +40,9 @@ class ZenohLink:
             raise SourceUnavailable(await in_thread(lambda: _why(self._table, text))) from error
 
     def subscribe(self, key: str, on_sample: OnSample, recover: float = 0.0, last: bool = False) -> None:
-        """Call `on_sample`, in Zenoh's threads, for every sample on `key`; one subscription for each key.
-
-        `recover`: samples missed, up to this age in s, are asked of publishers that keep a cache; `last`: so is their
-        last one, whatever its age. Raises SourceConfigError for a wrong key expression.
-        """
+        """Call `on_sample`, in Zenoh's threads, for every sample on `key`. `recover`: missed samples, up to this age in
+        s, are asked of publishers that keep a cache; `last`: their last one, whatever its age. Raises
+        SourceUnavailable."""
 
         def arrived(sample: zenoh.Sample) -> None:
             on_sample(_incoming(sample))
@@ -70,7 +68,6 @@ class ZenohLink:
             raise SourceUnavailable(f'key "{key}" cannot be subscribed to ({first_line(error)})') from error
 
     async def unsubscribe(self, key: str) -> None:
-        """Give the subscription to `key` up."""
         with suppress(zenoh.ZError):
             await in_thread(self._subscriptions.pop(key).undeclare)
 

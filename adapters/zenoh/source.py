@@ -20,17 +20,13 @@ _log = logging.getLogger(__name__)
 
 
 class ZenohSource(SubscribedSource):
-    """Subscriptions of one session of its own.
-
-    While the connection is lost Zenoh tries to connect again by itself; after LOST s, and where nobody answers to begin
-    with, `batches` raises SourceUnavailable, and is to be called again.
-    """
+    """Subscriptions of a session of its own, which Zenoh connects again by itself; after LOST s, and where nobody
+    answers to begin with, `batches` raises SourceUnavailable."""
 
     _nothing = "nobody answers a query; check key, and that it is published"
     _alone_said = False
 
     def check(self) -> list[str]:
-        """Wrong key expressions, and files that cannot be read."""
         wrong = [
             f'sources.{self.name}: {binding.id}: key "{binding.channel.place}" is no key expression: {problem}; write '
             'names joined by /, such as "bms/room1/T_air"'

@@ -29,7 +29,6 @@ class Order(BaseModel):
 
 
 def create_control(simulation: Simulation) -> FastAPI:
-    """The ASGI application."""
     app = FastAPI(title="Thermogate simulated BMS", description=__doc__ or "", docs_url=None, redoc_url=None)
     api_problems.install(app)
     app.add_middleware(Guard, config=HttpConfig())

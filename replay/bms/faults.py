@@ -146,7 +146,6 @@ class FaultBoard:
         return len(self._faults) < before
 
     def clear(self) -> None:
-        """Switch every fault off."""
         self._faults, self._kept = [], {}
 
     def listed(self) -> list[tuple[Fault, float]]:

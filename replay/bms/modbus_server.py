@@ -49,7 +49,6 @@ class ModbusServer:
         return started
 
     async def stop(self) -> None:
-        """Close the port and every connection."""
         if self._server is not None:
             self._server.close()
         for connection in self._connections:

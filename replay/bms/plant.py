@@ -42,7 +42,6 @@ class Device(NamedTuple):
     room: int | None = None
 
     def channel(self, name: str) -> Channel | None:
-        """The channel called `name`."""
         return next((channel for channel in self.channels if channel.name == name), None)
 
 

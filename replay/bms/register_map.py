@@ -10,7 +10,6 @@ HEADINGS = ("device", "unit_id", "channel", "table", "register", "words", "type"
 
 
 def as_text(plant: Sequence[Device]) -> list[str]:
-    """The map as lines of a table."""
     return aligned([HEADINGS, *(_row(device, channel) for device in plant for channel in device.channels)])
 
 

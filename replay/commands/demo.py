@@ -15,7 +15,6 @@ _HTTP_PORT, _ZENOH_PORT = 8080, 7447
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     demo = add(
         "demo",
         _demo,

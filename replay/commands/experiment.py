@@ -14,7 +14,6 @@ _DEFAULT_OUT = Path("var/experiments")
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add(
         "experiment", _experiment, "Score forecasts and parameters on simulated or recorded buildings, into a report."
     )

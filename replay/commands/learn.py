@@ -9,7 +9,6 @@ from service.cli.arguments import AddCommand, load_config, require_zones, take_c
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add(
         "learn",
         _learn,

@@ -13,7 +13,6 @@ Option = tuple[Callable[[str], Any], str, str, str]
 
 
 def add_options(parser: argparse.ArgumentParser, options: Mapping[str, Option]) -> None:
-    """Add `options` by name."""
     for option, (read, default, value, meaning) in options.items():
         parser.add_argument(option, type=read, default=default, metavar=value, help=f"{meaning} (default %(default)s)")
 

@@ -10,7 +10,6 @@ from service.cli.arguments import AddCommand, load_config, require_zones, take_c
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add(
         "replay", _replay, "Run recorded sources through the zones as fast as possible, into files and a page."
     )

@@ -9,7 +9,6 @@ from service.cli.arguments import AddCommand, load_config, require_zones, whole
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add("report", _report, "Make the report of a daemon's history, while it runs or not.")
     parser.add_argument(
         "state_dir", type=Path, nargs="?", metavar="STATE_DIR", help="the folder that site.state_dir names"

@@ -12,7 +12,6 @@ SMALLEST_PACE, LARGEST_PACE = 0.01, 3600.0
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add("simulate-bms", _simulate_bms, "Simulate a building behind Modbus, Zenoh and BACnet servers.")
     options: dict[str, Option] = {
         "--zones": (whole(1, _MOST_ZONES), "4", "N", "number of rooms"),

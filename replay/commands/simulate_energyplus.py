@@ -12,7 +12,6 @@ _FIRST_DAY = "2025-01-06"
 
 
 def add_to(add: AddCommand) -> None:
-    """Add the command by `add(name, command, text)`."""
     parser = add(
         "simulate-energyplus", simulate, "Record a building that EnergyPlus simulates, with the truth beside it."
     )

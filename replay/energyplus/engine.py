@@ -109,7 +109,6 @@ class Engine:
             self._read.put(EnergyPlusError(_said(folder / "eplusout.err")))
 
     def _simulate(self, model: Model, weather: Path, folder: Path) -> None:
-        """EnergyPlus from its beginning to its end."""
         source = folder / "in.epJSON"
         try:
             source.write_text(json.dumps(model), encoding="utf-8")

@@ -26,7 +26,6 @@ def part(room: str, what: str) -> str:
 
 
 def surface(room: str, side: Side) -> str:
-    """The name of one side of a room in the model."""
     return f"{room} {side}"
 
 

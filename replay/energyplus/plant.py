@@ -144,7 +144,6 @@ class Plant:
         return Inputs(*np.zeros((len(Inputs._fields), len(self.building.rooms))))
 
     def close(self) -> None:
-        """End the simulation."""
         self._engine.close()
 
     def __enter__(self) -> Plant:

@@ -26,7 +26,6 @@ class Request:
     case: tuple[str, ...] = ()
     """Names of cases of the experiment."""
     contender: tuple[str, ...] = ()
-    """Who takes part."""
     recording: tuple[str, ...] = ()
     """Names of recordings."""
 

@@ -44,7 +44,6 @@ class Results:
         self.contenders = list(dict.fromkeys(job.contender for job in jobs))
 
     def runs(self, recording: str, contender: str) -> Sequence[Figures]:
-        """The figures of every seed."""
         return self._figures.get((recording, contender), ())
 
     def values(self, recording: str, contender: str, figure: str) -> list[float]:

@@ -58,8 +58,6 @@ _ENDED = (
 
 
 class Learned(NamedTuple):
-    """What a run did."""
-
     traces: list[Trace]
     """Of the zones that learned something in this run."""
     known: Mapping[str, int]

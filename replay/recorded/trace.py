@@ -152,7 +152,6 @@ class Tracer:
     def __init__(self, zone: ZoneConfig, worker: ZoneWorker) -> None:
         self._zone, self._worker = zone, worker
         self.rows: list[HistoryRow] = []
-        """The history so far."""
         self._inputs = array("d")
         self._looks: list[int] = []
         self._parameters: list[Array] = []

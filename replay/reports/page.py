@@ -44,7 +44,6 @@ def report(site: str, traces: Sequence[Trace], progress: bool = False) -> Report
 
 
 def _in_a_sentence(trace: Trace) -> str:
-    """How a room did, for a hurried reader."""
     if trace.room is None:
         return f"`{trace.zone}`: no sample could be used."
     first = next(iter(trace.room.to_do), None)
@@ -53,7 +52,6 @@ def _in_a_sentence(trace: Trace) -> str:
 
 
 def _answers(room: Room) -> tuple[str, ...]:
-    """The verdict, and what to do."""
     to_do = tuple(f"{place}. {one.what}: {one.why}." for place, one in enumerate(room.to_do, start=1))
     return (f"{room.answers[0].sentence}.", *(("What to do:", *to_do) if to_do else ("Nothing is to be done.",)))
 

@@ -80,7 +80,6 @@ def heat(trace: Trace, room: Room) -> Plot:
 
 
 def gain(trace: Trace) -> Plot:
-    """Unmeasured heat over time."""
     times = np.array([row.time for row in trace.rows], dtype=np.int64)
     x, (lower, median, upper) = _drawn(trace, times, *trace.gain.T)
     marks = Band("95 % interval", x, lower, upper), Line("median", "warm", x, median)
@@ -117,14 +116,12 @@ def pit(found: Diagnostics) -> Plot:
 
 
 def memory(found: Diagnostics) -> Plot:
-    """Autocorrelation of the residuals."""
     hours = found.lags / HOUR
     bars = Bars("", "blue", hours, found.autocorrelation, 0.8 * hours[0], np.zeros(len(hours)))
     return Plot("memory", Chart([Panel((bars, *_white(found)), "autocorrelation", 220)], "lag [h]"))
 
 
 def against_inputs(found: Diagnostics, period: float) -> Plot:
-    """Correlation of the residuals with every input."""
     lines = [
         Line(channel, _COLOURS[place % len(_COLOURS)], np.arange(len(values)) * period / HOUR, values)
         for place, (channel, values) in enumerate(found.against_inputs.items())

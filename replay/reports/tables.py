@@ -34,7 +34,6 @@ def horizons(trace: Trace) -> Sequence[HorizonSkill]:
 
 
 def skill(traces: Sequence[Trace]) -> Table:
-    """Every zone at the four horizons."""
     return Table("skill", _HEADER, tuple(_skill_rows(traces)), SKILL)
 
 
@@ -56,22 +55,18 @@ def _skill_rows(traces: Sequence[Trace]) -> list[tuple[Cell, ...]]:
 
 
 def ahead(trace: Trace, one: HorizonSkill) -> str:
-    """The horizon as people say it."""
     return "one step" if one.lead == trace.period else f"{one.lead / HOUR:g} h"
 
 
 def percent(share: float) -> str:
-    """A share with its sign."""
     return "–" if np.isnan(share) else f"{round(100.0 * share):+d} %"
 
 
 def terminal(table: Table) -> list[str]:
-    """`table` as lines of a terminal."""
     return [table.title, *aligned([table.columns, *(tuple(map(shown, row)) for row in table.rows)])]
 
 
 def zones(traces: Sequence[Trace]) -> Table:
-    """What each zone is, and how much of it was seen."""
     rows: list[tuple[Cell, ...]] = [
         (
             trace.zone,
@@ -114,7 +109,6 @@ def answers(room: Room) -> Table:
 
 
 def laws(trace: Trace) -> Table:
-    """What the thermostat was seen to do."""
     rows: list[tuple[Cell, ...]] = [
         (law.channel, law.side, law.law, *(_between(part) for part in (law.power, law.offset, law.band)), law.days)
         for law in trace.laws

@@ -155,7 +155,6 @@ def _set_points(local: Seconds, rng: np.random.Generator) -> Array:
 
 
 def main() -> None:
-    """Write both stand-ins where the command line says."""
     parser = argparse.ArgumentParser(prog="python -m replay.simulated.ecolar", description=__doc__)
     parser.add_argument("directory", type=Path, help="folder to write into")
     directory = parser.parse_args().directory

@@ -33,7 +33,6 @@ class Site(NamedTuple):
 
     @property
     def location(self) -> Location:
-        """Without the temperature."""
         return Location(self.latitude, self.longitude)
 
 

@@ -3,10 +3,10 @@
 from typing import Annotated
 from urllib.parse import parse_qs, urlsplit
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from adapters.fields.durations import format_duration
-from adapters.fields.tables import TABLE
+from adapters.fields.tables import Table
 from adapters.fields.values import FilePath, Positive, PositiveDuration, text, whole
 
 SHORTEST_LEASE = 2.0
@@ -44,10 +44,8 @@ def lease_length(seconds: float) -> float:
     return seconds
 
 
-class FleetConfig(BaseModel):
+class FleetConfig(Table):
     """[fleet]: read by `thermogate fleet`; the daemon on one machine passes it over."""
-
-    model_config = TABLE
 
     database: Annotated[str, BeforeValidator(database_address)] = Field(
         description='the PostgreSQL database, such as "postgresql://thermogate@db.example/thermogate"'

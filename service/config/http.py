@@ -4,9 +4,9 @@ import ipaddress
 import re
 from typing import Annotated, Self
 
-from pydantic import BaseModel, BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from adapters.fields.tables import TABLE
+from adapters.fields.tables import Table
 from adapters.fields.values import Count, FilePath, Flag, PositiveDuration, is_loopback, text, whole
 from adapters.fields.words import shown
 
@@ -41,10 +41,8 @@ Port = Annotated[int, BeforeValidator(whole(0, 65535))]
 Streams = Annotated[int, BeforeValidator(whole(0, 100_000))]
 
 
-class LimitsConfig(BaseModel):
+class LimitsConfig(Table):
     """[http.limits]: what clients may take. Sizes are bytes."""
-
-    model_config = TABLE
 
     connections: Count = Field(default=256, description="connections at a time")
     connections_per_client: Count = Field(default=32, description="of one address (IPv6: one /64)")
@@ -70,10 +68,8 @@ class LimitsConfig(BaseModel):
     idle_timeout: PositiveDuration = Field(default=15.0, description="time without a request")
 
 
-class HttpConfig(BaseModel):
+class HttpConfig(Table):
     """[http]: where REST is served; port 0 is any free one."""
-
-    model_config = TABLE
 
     host: Host = Field(
         default="127.0.0.1", description="address to serve on; any but loopback needs encryption and a key"

@@ -3,18 +3,16 @@
 import logging
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, Field
+from pydantic import BeforeValidator, Field
 
-from adapters.fields.tables import TABLE
+from adapters.fields.tables import Table
 from adapters.fields.values import Count, choice
 
 LEVELS = {name: logging.getLevelNamesMapping()[name.upper()] for name in ("debug", "info", "warning", "error")}
 
 
-class LogConfig(BaseModel):
+class LogConfig(Table):
     """Form, level, and how many lines of one kind a minute may have."""
-
-    model_config = TABLE
 
     format: Annotated[Literal["plain", "json"], BeforeValidator(choice("plain", "json"))] = Field(
         default="plain", description="form of a line"

@@ -2,9 +2,9 @@
 
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, Field, PlainValidator, model_validator
+from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
-from adapters.fields.tables import TABLE
+from adapters.fields.tables import Table
 from adapters.fields.values import Flag, Identifier, Name, Number, Positive, Text, number
 from adapters.fields.words import shown
 from adapters.units import possible_range
@@ -15,11 +15,9 @@ _SMALLEST_AREA, _LARGEST_AREA = 1, 100_000
 SPREAD_ALONE = "has a spread but no typical value that it is about; add typical, or remove spread"
 
 
-class BoundsConfig(BaseModel):
+class BoundsConfig(Table):
     """What can be said about a parameter: the bounds of its prior, a nominal value and a typical one, or a value that
     fixes it."""
-
-    model_config = TABLE
 
     lower: Positive | None = Field(default=None, description="lower bound, in the parameter's unit")
     upper: Positive | None = Field(default=None, description="upper bound")
@@ -107,10 +105,8 @@ def _gain(value: object) -> object:
     return value if isinstance(value, dict | GainConfig) else {"constant": value}
 
 
-class HeatInputConfig(BaseModel):
+class HeatInputConfig(Table):
     """A heat input of an inline network."""
-
-    model_config = TABLE
 
     channel: Name = Field(description='the channel that brings it, such as "u_heat"')
     node: Name = Field(description='the state node that it enters, such as "T_air"')
@@ -135,10 +131,8 @@ def _initial_source(value: object) -> str | float:
     return degrees
 
 
-class InitialConfig(BaseModel):
+class InitialConfig(Table):
     """Where a state node starts: `source` is "measured", a boundary node or degC; `sd` is in K."""
-
-    model_config = TABLE
 
     source: Annotated[str | float, PlainValidator(_initial_source)] | None = Field(
         default=None, description='`"measured"`, a boundary or degC'
@@ -174,10 +168,8 @@ def _floor_area(value: object) -> tuple[float, float]:
     return smallest, largest
 
 
-class BoxConfig(BaseModel):
+class BoxConfig(Table):
     """The floor area that the bounds follow from, m2, and whether narrower ones are proposed after a week."""
-
-    model_config = TABLE
 
     floor_area: Annotated[tuple[float, float], PlainValidator(_floor_area)] = Field(
         description="the heated floor area in m2: a number, or a range such as [80, 200]"
@@ -193,10 +185,8 @@ def _box(value: object) -> object:
     return {"floor_area": WIDEST, "propose": value == "auto"}
 
 
-class PresetConfig(BaseModel):
+class PresetConfig(Table):
     """A preset, with changes."""
-
-    model_config = TABLE
 
     preset: Text = Field(description="the name of a preset; `thermogate networks` lists them")
     solar: Annotated[SolarConfig | None, BeforeValidator(_solar)] = Field(
@@ -214,10 +204,8 @@ class PresetConfig(BaseModel):
     )
 
 
-class InlineConfig(BaseModel):
+class InlineConfig(Table):
     """A network of one's own."""
-
-    model_config = TABLE
 
     name: Identifier = Field(default="inline", description="name in payloads and reports")
     measured: tuple[Name, ...] = Field(description='the list of measured state nodes, such as ["T_air"]')

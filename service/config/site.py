@@ -5,11 +5,11 @@ import zlib
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
-from pydantic import BaseModel, BeforeValidator, Field, InstanceOf, SerializeAsAny, ValidationInfo, model_validator
+from pydantic import BeforeValidator, Field, InstanceOf, SerializeAsAny, ValidationInfo, model_validator
 
 from adapters.channel import Binding, ChannelConfig, RecordedConfig, SourceConfig
 from adapters.fields.durations import DAY
-from adapters.fields.tables import TABLE
+from adapters.fields.tables import Table
 from adapters.fields.values import (
     Country,
     Duration,
@@ -67,10 +67,8 @@ class Whereabouts(NamedTuple):
     building: Building = NOTHING_KNOWN
 
 
-class SiteConfig(BaseModel):
+class SiteConfig(Table):
     """[site]: who this is, and where state is kept."""
-
-    model_config = TABLE
 
     id: Identifier = Field(description='the name of the site, such as "htwg"')
     state_dir: FilePath = Field(
@@ -121,10 +119,8 @@ FORMER_ESTIMATOR = "rbpf"
 """What that was before: of a zone with state of it, and of one that gives options without an estimator."""
 
 
-class ZoneTable(BaseModel):
+class ZoneTable(Table):
     """[[zones]] as it is written: one thermal zone with its own grid, network and estimator."""
-
-    model_config = TABLE
 
     id: Identifier = Field(description='the name of the zone, such as "living"')
     period: Period = Field(description='the sampling period, such as "5min"')
@@ -210,10 +206,8 @@ TABLES = ("site", "log", "http", *SINK_KINDS, "fleet", "sources", "weather", "zo
 """The tables of a configuration file, in the order in which they are shown."""
 
 
-class Config(BaseModel):
+class Config(Table):
     """The whole configuration, every default filled in and every path absolute."""
-
-    model_config = TABLE
 
     site: SiteConfig
     log: LogConfig
@@ -224,7 +218,7 @@ class Config(BaseModel):
     zones: tuple[ZoneConfig, ...]
     warnings: tuple[str, ...] = ()
     """What is no mistake, but probably not meant: one sentence each."""
-    weather: dict[str, SerializeAsAny[WeatherConfig]] = {}
+    weather: dict[str, SerializeAsAny[WeatherConfig]] = Field(default={})
     fleet: FleetConfig | None = None
     """None where the file has no such table."""
 

@@ -89,17 +89,14 @@ class _SimulatedDevice(LoopbackDevice):
         await super().indication(apdu)
 
     async def do_ReadPropertyRequest(self, apdu: Any) -> None:
-        """Read, unless a fault has it refused."""
         self._refuse(apdu)
         await super().do_ReadPropertyRequest(apdu)
 
     async def do_ReadPropertyMultipleRequest(self, apdu: Any) -> None:
-        """Read, unless a fault has it refused."""
         self._refuse(apdu)
         await super().do_ReadPropertyMultipleRequest(apdu)
 
     async def do_WritePropertyRequest(self, apdu: Any) -> None:
-        """Refuse."""
         raise ExecutionError(errorClass="property", errorCode="writeAccessDenied")
 
     do_WritePropertyMultipleRequest = do_WritePropertyRequest
@@ -172,7 +169,6 @@ class BacnetServer:
             await asyncio.sleep(REFRESH)
 
     async def stop(self) -> None:
-        """Close every socket."""
         for device in self._devices:
             await device.datagrams.close()
 

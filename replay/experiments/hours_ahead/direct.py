@@ -44,7 +44,6 @@ Predict = Callable[[Array], Array]
 
 
 def run_direct(run: PlainRun) -> Arrays:
-    """The arrays of `Forecasts`."""
     series, made = run.series, no_forecasts(len(run.series.times), len(run.leads))
     a_day = max(1, round(DAY / run.period))
     for place, lead in enumerate(run.leads):

@@ -245,7 +245,6 @@ def _settings(
     entered: Sequence[Contender],
     compared: Sequence[Standing],
 ) -> Section:
-    """The best estimator of Thermogate as the configuration has it."""
     online = {one.label: one for one in entered if one.estimator in registry.ESTIMATORS}
     standing = next((one for one in compared if one.label in online), None)
     if standing is None:
@@ -268,7 +267,6 @@ def _settings(
 
 
 def _in_full(results: Results, known: Mapping[str, Recording]) -> Table:
-    """Every score."""
     rows: list[tuple[Cell, ...]] = []
     for name, recording in known.items():
         for window in WINDOWS:

@@ -27,12 +27,10 @@ LOSS, GAIN, GAIN_COVERAGE = LEARNED = (
 
 
 def key(score: str, horizon: str, window: str = LATER) -> str:
-    """The name of a figure."""
     return f"{score}, {horizon}, {window}"
 
 
 def figures(recording: Recording, arrays: Arrays) -> Figures:
-    """Every figure of a run with `arrays` on `recording`."""
     found: dict[str, float] = {}
     forecasts = Forecasts(*(arrays[name] for name in Forecasts._fields))
     y, leads = recording.series.outputs[:, 0], leads_of(recording.period)

@@ -76,7 +76,6 @@ class PlainRun(NamedTuple):
 
 
 def no_forecasts(rows: int, horizons: int) -> Forecasts:
-    """NaN everywhere."""
     return Forecasts(*(np.full((rows, horizons), np.nan) for _ in Forecasts._fields))
 
 

@@ -39,7 +39,6 @@ class Recording(NamedTuple):
     whereabouts: Whereabouts = Whereabouts()
 
     def first_days(self, days: int) -> Recording:
-        """The first `days` of it."""
         first = self.series.times < self.series.times[0] + days * DAY
         known = self.known and Known(self.known.gain[first], self.known.heat_loss)
         return self._replace(series=self.series.rows(first), known=known)
@@ -61,7 +60,6 @@ def of_zone(config: Config, zone: ZoneConfig) -> Recording:
 
 
 def of_record(record: ZoneRecord, zone: ZoneConfig) -> Recording:
-    """The same of a record that has been read."""
     series = bridged(record, zone.network, zone.max_gap)
     if len(series.times) < 2:
         raise ReplayError(f"zone '{zone.id}': the recording has no two usable samples in a row; check its channels")

@@ -100,7 +100,6 @@ class Step(NamedTuple):
     assimilated: bool
     """Whether y_k was given to the filter; otherwise its states began anew at y_k."""
     carried: Carried
-    """To the next sample."""
 
     @property
     def state(self) -> Any:

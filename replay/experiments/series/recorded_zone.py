@@ -43,7 +43,6 @@ class ZoneRecord(NamedTuple):
         return self.rows(Window(0, int(np.searchsorted(self.times, self.times[0] + days * DAY))))
 
     def rows(self, window: Window) -> ZoneRecord:
-        """The record of those rows."""
         begin, end = window
         columns = {channel: values[begin:end] for channel, values in self.columns.items()}
         return ZoneRecord(self.times[begin:end], self.period, columns)

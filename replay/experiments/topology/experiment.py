@@ -35,7 +35,6 @@ def prepare(request: Request) -> Study:
 
 
 def _jobs(recording: Recording) -> list[Job]:
-    """Every candidate."""
     record, jobs = recording.record, []
     for candidate in recording.candidates:
         network = candidate.network

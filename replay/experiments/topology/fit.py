@@ -32,12 +32,10 @@ NIGHTS, DAYS = "nights", "days"
 
 
 def fitted(parameter: str) -> str:
-    """Name of the figure that is the value found for `parameter`."""
     return f"fitted {parameter}"
 
 
 def at_bound(parameter: str) -> str:
-    """Name of the figure that is 1 where `parameter` ended at an end of its box, and 0 elsewhere."""
     return f"at a bound: {parameter}"
 
 

@@ -41,7 +41,6 @@ residual that is as smooth as an open-loop one cannot be as small, its last term
 
 
 def report(found: Sequence[tuple[Recording, Sequence[Fitted]]]) -> Report:
-    """The report of all recordings, each with its candidates by rank."""
     document, lead, done, sections, files = Document(__package__), list[str](), list[str](), [], {}
     for recording, ranked in found:
         name, record, taken = recording.name, recording.record, ranked[0]
@@ -93,7 +92,6 @@ def report(found: Sequence[tuple[Recording, Sequence[Fitted]]]) -> Report:
 
 
 def why(ranked: Sequence[Fitted]) -> str:
-    """The reasons to take the first of `ranked`."""
     taken, best = ranked[0], min(ranked, key=lambda entry: entry.loss)
     train, held_out, nights = (taken.found[name] for name in (TRAIN, HELD_OUT, NIGHTLY))
     scores = f"Without measurements it stays within {train:.2f} K (RMSE) of the recording it was fitted to"
@@ -109,7 +107,6 @@ def why(ranked: Sequence[Fitted]) -> str:
 
 
 def _parameters(name: str, taken: Fitted) -> Table:
-    """What was fitted for the network to take."""
     rows = []
     for parameter, value in zip(taken.candidate.network.parameters, taken.theta.tolist(), strict=True):
         end = "lower end" if value < (parameter.lower * parameter.upper) ** 0.5 else "upper end"

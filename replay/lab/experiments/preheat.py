@@ -42,7 +42,6 @@ class _Question(NamedTuple):
 
 
 def prepare(request: Request) -> Study:
-    """The experiment for `request`; see `study`."""
     return study(request, mornings, _figures, _report)
 
 
@@ -55,7 +54,6 @@ class Asking(Learning):
         self._from = run.asked_from
 
     def set_points(self, moment: Moment) -> Array:
-        """Every room is asked at midnight."""
         wanted = super().set_points(moment)
         for room in range(len(wanted)) if moment.local % DAY == 0 and moment.step >= self._from else ():
             self._ask(room, moment)

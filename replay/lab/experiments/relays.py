@@ -43,7 +43,6 @@ class RelayRun(NamedTuple):
 
     @property
     def scene(self) -> Scene:
-        """What is lived."""
         return Scene(self.building, WEATHER[self.building], UNDISTURBED, self.seed, self.days, self.days)
 
     @property
@@ -101,7 +100,6 @@ class Relays(Controller):
         return np.array(self.life.set_points(moment.local))
 
     def powers(self, moment: Moment) -> tuple[Array, Mask]:
-        """Of the relays."""
         self._wanted = self.set_points(moment)
         return self._relay(moment.local, moment.shown, self._wanted), np.zeros(len(self._wanted), dtype=np.bool_)
 
@@ -119,7 +117,6 @@ class Learning(Relays):
         self._steps: list[tuple[Moment, Array, Array]] = []
 
     def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
-        """A sample of every room at the end of each PERIOD."""
         self._steps.append((moment, self._wanted, np.array([outdoor, irradiance, *heating])))
         if len(self._steps) < PERIOD // STEP:
             return

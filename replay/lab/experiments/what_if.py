@@ -45,7 +45,6 @@ class _Answer(NamedTuple):
 
 
 def prepare(request: Request) -> Study:
-    """The experiment for `request`; see `study`."""
     return study(request, days_twice, _figures, _report)
 
 

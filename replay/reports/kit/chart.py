@@ -184,7 +184,6 @@ class _Place(NamedTuple):
         return np.rint(size * np.clip(shares, -9.0, 9.0)).astype(int)
 
     def drawn(self, mark: Mark) -> str:
-        """`mark` as SVG."""
         if isinstance(mark, Level):
             return f"<path class='level' d='M0 {self.y(float(self.measured(np.array(mark.y))))}H{_WIDE}'/>"
         if isinstance(mark, Line):

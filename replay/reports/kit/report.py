@@ -41,7 +41,6 @@ class Report(NamedTuple):
 
     @property
     def tables(self) -> list[Table]:
-        """Every table, in order."""
         return [table for section in self.sections for table in section.tables]
 
 
@@ -56,7 +55,6 @@ def write_report(report: Report, out: Path) -> list[Path]:
 
 
 def page(report: Report) -> str:
-    """The report as one HTML page."""
     lead = "".join(f"<li>{inline(sentence)}</li>" for sentence in report.lead)
     plots = any(section.plots for section in report.sections)
     style, reading = (files(__package__).joinpath(name).read_text("utf-8") for name in ("report.css", "report.js"))

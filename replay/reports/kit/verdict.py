@@ -36,17 +36,14 @@ class Wanted(NamedTuple):
 
 
 def at_most(limit: float) -> Wanted:
-    """No more than `limit`."""
     return Wanted(-math.inf, limit, f"at most {number(limit)}")
 
 
 def at_least(limit: float) -> Wanted:
-    """No less than `limit`."""
     return Wanted(limit, math.inf, f"at least {number(limit)}")
 
 
 def between(low: float, high: float) -> Wanted:
-    """In [low, high]."""
     return Wanted(low, high, f"{number(low)} to {number(high)}")
 
 
@@ -65,7 +62,6 @@ WANTED: Mapping[str, Callable[..., Wanted]] = {
 
 
 def verdict_table(verdicts: Sequence[Verdict]) -> Table:
-    """All verdicts, in their order."""
     marks = {True: "met", False: "missed", None: "open"}
     return Table(
         "verdicts",

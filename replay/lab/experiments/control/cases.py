@@ -57,7 +57,6 @@ class Scene(NamedTuple):
 
     @property
     def steps(self) -> int:
-        """Of the plant, over all days."""
         return self.days * STEPS_A_DAY
 
     @property
@@ -67,16 +66,13 @@ class Scene(NamedTuple):
 
     @property
     def of(self) -> Building:
-        """The building itself."""
         return building_named(self.building)
 
     @property
     def whereabouts(self) -> Whereabouts:
-        """Where it stands, by its weather."""
         return Whereabouts(weather_file(self.weather, weather_folder()).location)
 
     def life(self) -> Life:
-        """Its people."""
         return Life([room.use for room in self.of.rooms], STEP, self.seed)
 
 

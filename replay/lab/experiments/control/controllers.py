@@ -38,7 +38,6 @@ class Thermostat(Controller):
         self._heating = np.zeros(len(self._settings))
 
     def powers(self, moment: Moment) -> tuple[Array, Mask]:
-        """By what is shown now."""
         now, soon = (self._life.set_points(at) for at in (moment.local, moment.local + self._early))
         wanted = np.maximum(now, soon) + self._margin
         self._heating = np.array(
@@ -93,7 +92,6 @@ class Planner(Controller):
         self._unchanged = 0
 
     def powers(self, moment: Moment) -> tuple[Array, Mask]:
-        """By plan where there is one, held at every moment; a thermostat looks at every moment."""
         powers = self._thermostat.powers(moment)[0].copy()
         by_plan = np.zeros(len(self._rooms), dtype=np.bool_)
         if moment.step < self._begins:
@@ -114,7 +112,6 @@ class Planner(Controller):
         return powers, by_plan
 
     def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
-        """Telemetry of the step."""
         known = moment.shown.copy()
         known[[self._refused(index, moment.step) for index in range(len(known))]] = np.nan
         for index, room in enumerate(self._rooms):
@@ -179,7 +176,6 @@ class Planner(Controller):
 
 
 def settings_of(scene: Scene, room: int, margin: float) -> Any:
-    """`mpc.Settings` of a room."""
     one = scene.of.rooms[room]
     return mpc().Settings(
         one.name,

@@ -13,7 +13,6 @@ _NAME = "thermogate_example_mpc"
 
 @lru_cache(maxsize=1)
 def mpc() -> ModuleType:
-    """The example as a module."""
     spec = importlib.util.spec_from_file_location(_NAME, PATH)
     assert spec is not None
     assert spec.loader is not None

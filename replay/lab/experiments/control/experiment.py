@@ -55,7 +55,6 @@ def prepare(request: Request) -> Study:
 
 
 def named(scene: Scene) -> str:
-    """A building in a case."""
     return f"{scene.building}, {scene.case}"
 
 

@@ -32,7 +32,6 @@ class Replayed(Controller):
         self._heating = before.heating + extra
 
     def powers(self, moment: Moment) -> tuple[Array, Mask]:
-        """Of that step."""
         powers = self._heating[moment.step]
         return powers, np.ones(len(powers), dtype=np.bool_)
 
@@ -80,7 +79,6 @@ class Foreseeing(Controller):
         self._moved = np.block([[toeplitz(first[i, j], np.zeros(_AHEAD)) for j in range(rooms)] for i in range(rooms)])
 
     def powers(self, moment: Moment) -> tuple[Array, Mask]:
-        """A plan every EVERY steps, once the controlled days have begun."""
         begins = self._scene.controlled_from
         if moment.step < begins:
             return self._thermostat.powers(moment)
@@ -89,7 +87,6 @@ class Foreseeing(Controller):
         return self._heating, np.ones(len(self._heating), dtype=np.bool_)
 
     def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
-        """What was heated otherwise than before."""
         self._extra[moment.step // EVERY] += (heating - self._before.heating[moment.step]) / EVERY
 
     def _plan(self, moment: Moment) -> None:

@@ -32,7 +32,6 @@ _ON_THE_WAY = [label for label in CONTROLLERS if label not in (THERMOSTAT, PERFE
 
 
 def figures(scores: Scores) -> Figures:
-    """The figures of a run."""
     return {**scores._asdict(), DISCOMFORT: scores.discomfort}
 
 
@@ -94,7 +93,6 @@ def _scores(found: Figures) -> Scores:
 
 
 def verdicts(results: Results, scenes: Mapping[str, Scene]) -> list[Verdict]:
-    """Every target of Thermogate's controller."""
     found = []
     for name, scene in scenes.items():
         if scene.case == UNDISTURBED:

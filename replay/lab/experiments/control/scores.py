@@ -41,7 +41,6 @@ class Scores(NamedTuple):
 
 
 def scores(scene: Scene, lived: Lived) -> Scores:
-    """The scores of `lived`."""
     since = scene.controlled_from
     local, air, heating = lived.local[since:], lived.air[since:], lived.heating[since:]
     life, hours = scene.life(), STEP / HOUR

@@ -61,7 +61,6 @@ class Ready(NamedTuple):
 
     @property
     def weather(self) -> str:
-        """Where the weather comes from."""
         file = self.request.file
         return "weather generated for Konstanz" if file is None else f"weather from `{file.name}`"
 

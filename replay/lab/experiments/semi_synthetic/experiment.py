@@ -44,7 +44,6 @@ TARGETS: Mapping[str, Mapping[str, Wanted]] = {
 
 
 def contenders() -> list[Contender]:
-    """Who competes."""
     held = {"authors": HELD, "all": tuple(parameter.name for parameter in NETWORK.parameters), None: ()}
     return [
         Contender(row["label"], row["estimator"], row.get("options", {}), held[row.get("held")])
@@ -53,7 +52,6 @@ def contenders() -> list[Contender]:
 
 
 def verdicts(results: Results) -> list[Verdict]:
-    """Every target of every contender."""
     return [
         wanted.judge(f"{label}: {figure}", results.values(results.recordings[0], label, figure))
         for label in results.contenders
