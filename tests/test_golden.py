@@ -1,7 +1,5 @@
 """Everything that leaves the project, as it left it before: see tests/support/golden.py for how the files are made."""
 
-from __future__ import annotations
-
 import asyncio
 import io
 import json
@@ -10,7 +8,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import httpx
 import numpy as np
@@ -97,10 +95,10 @@ class Session:
         self.declared.append(f"queryable {key} {'complete' if complete else ''}".rstrip())
         return self
 
-    def liveliness(self) -> Session:
+    def liveliness(self) -> Self:
         return self
 
-    def declare_token(self, key: str) -> Session:
+    def declare_token(self, key: str) -> Self:
         self.declared.append(f"token {key}")
         return self
 

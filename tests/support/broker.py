@@ -1,14 +1,12 @@
 """The other side of MQTT: mosquitto as a process of its own on loopback, and clients that publish and listen there."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import paho.mqtt.client as paho
 import pytest
@@ -101,7 +99,7 @@ class Party:
         """What came last on each topic."""
         return {topic: payload for topic, payload, _ in tuple(self.came)}
 
-    def __enter__(self) -> Party:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

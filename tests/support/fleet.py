@@ -1,7 +1,5 @@
 """Machines of a Ray cluster as process trees on this machine, and a fleet on them, driven from outside."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import os
@@ -13,7 +11,7 @@ import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from support.harness import ROOT, THERMOGATE, ask
 from support.processes import Program, free_port
@@ -125,7 +123,7 @@ class Cluster:
         )
         self.others: list[Machine] = []
 
-    def __enter__(self) -> Cluster:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,13 +1,11 @@
 """The real HTTP server on a free port, and clients that speak to it byte by byte."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json
 import ssl
 from collections.abc import AsyncIterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from fastapi import FastAPI
 
@@ -58,7 +56,7 @@ class Client:
         self.writer = writer
 
     @classmethod
-    async def to(cls, server: HttpServer, context: ssl.SSLContext | None = None, limit: int = 2**16) -> Client:
+    async def to(cls, server: HttpServer, context: ssl.SSLContext | None = None, limit: int = 2**16) -> Self:
         port = int(server.url.rpartition(":")[2])
         # Of other kinds, tests read what came until the very end, and close them.
         client = cls(*await asyncio.open_connection("127.0.0.1", port, ssl=context, limit=limit))

@@ -1,13 +1,11 @@
 """What is posted while a shard goes over to another plan is taken by every zone, or asked for again."""
 
-from __future__ import annotations
-
 import asyncio
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Self
 
 import pytest
 from support.campus import small_site, told_by_clients
@@ -35,7 +33,7 @@ class Slow:
         self.meanwhile: Callable[[], object] = lambda: None
 
     @property
-    def intake(self) -> Slow:
+    def intake(self) -> Self:
         """Of the zone that this stands for."""
         return self
 

@@ -1,14 +1,12 @@
 """From a post to the zones: whose channels are meant, what is known of nobody, and when there is nobody to take it."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import time
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import pytest
 from support.config_samples import sound, write
@@ -32,7 +30,7 @@ class Taking:
         self.failure: Exception | None = None
 
     @property
-    def intake(self) -> Taking:
+    def intake(self) -> Self:
         """Of the zone that this stands for."""
         return self
 
