@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from support.forecasts import fan_of
-from support.zone_samples import comparable
 from support.zone_samples import worker as a_worker
 
 from adapters.reading import Quality
@@ -157,16 +156,6 @@ def test_a_fan_uses_it_and_a_plan_goes_before_it():
     assert [origin.origin for origin in told.origins] == ["plan", "held", "plan"]
     held = fan_of(zone, 24, {"T_out": outdoors(times[0]), "I_sol": 0.0})
     assert held.outputs[0].mean[-1] != pytest.approx(told.outputs[0].mean[-1], abs=1e-3)
-
-
-def test_what_is_published_one_step_ahead_and_verified_does_not_depend_on_it(monkeypatch):
-    """A worker that foresees nothing learns, publishes and verifies the same."""
-    zone = fed(worker(), DAY // PERIOD + 60)
-    blind = worker()
-    monkeypatch.setattr(blind.foresight, "outlook", lambda *given: pytest.fail("nothing is foreseen for a sample"))
-    fed(blind, DAY // PERIOD + 60)
-    assert comparable(blind.latest) == comparable(zone.latest)
-    assert repr(blind.skill()) == repr(zone.skill())
 
 
 def test_a_gap_of_days_forgets_the_shape():
