@@ -13,12 +13,11 @@ from pydantic import TypeAdapter
 from adapters.channel import ChannelConfig
 from adapters.fields.words import shown
 from adapters.reading import Fault
-from estimator.arrays import under
 from estimator.network.network import Network
 from service.config.fitting import fingerprint
 from service.config.kept import kept_configuration
 from service.config.load import load
-from service.config.site import SiteConfig, ZoneConfig
+from service.config.site import FORMER_ESTIMATOR, SiteConfig, ZoneConfig
 from service.errors import CheckpointError, DataError
 from service.records.outlook import SET_POINTS
 from service.store.checkpoint import DAMAGE, Checkpoint, decode, encode
@@ -30,6 +29,8 @@ from thermogate.settings import PLACE, Settings, settings_of
 
 _KIND = "thermogate model"
 _NETWORK = TypeAdapter(Network)
+
+
 _UPDATES = "updates"
 _TRACE = "trace."
 
@@ -75,7 +76,9 @@ def read_model(path: Path) -> tuple[Session, Counter[Fault]]:
         raise DataError(f"{path} was saved by a Thermogate with other defaults; fit the model again")
     snapshot.restore(session.worker, found._replace(meta=meta["worker"]))
     session.updates = found.arrays[_UPDATES]
-    session.tracer.unpack(under(_TRACE, found.arrays))
+    # A model saved before there were reports has none.
+    if trace := {name.removeprefix(_TRACE): rows for name, rows in found.arrays.items() if name.startswith(_TRACE)}:
+        session.tracer.unpack(trace)
     return session, Counter({Fault(name): count for name, count in meta["faults"].items()})
 
 
@@ -131,7 +134,8 @@ _MOST_ROWS = 2**31
 
 def _settings(meta: Mapping[str, Any]) -> Settings:
     network = _NETWORK.validate_json(json.dumps(meta["network"]))
-    given = dict(meta["settings"])
+    # Before the default changed, a model that was told no estimator was saved without one.
+    given = {"estimator": FORMER_ESTIMATOR, **meta["settings"]}
     # The network has the sun and the habits that it was saved with, or none.
     if not network.terms:
         given |= {"habits": False, "sun": False}

@@ -444,7 +444,7 @@ class Model:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        room = self._trace().room
+        room = self._session.tracer.trace(self.faults).room
         told = [] if room is None else [f"<b>{escape(one.what)}</b>: {escape(one.why)}" for one in room.to_do]
         told += [] if room is None else [escape(one.sentence) for one in room.answers]
         skill = self.skill()[["forecasts", "coverage", "crps", "rmse", "skill_persistence"]]
@@ -490,7 +490,10 @@ class Model:
         return str((stamp if stamp.tzinfo else stamp.tz_localize(self._settings.tz)).isoformat())
 
     def _trace(self) -> Trace:
-        return self._session.tracer.trace(self.faults)
+        found = self._session.tracer.trace(self.faults)
+        if not found.rows:
+            raise DataError("the model was saved by a Thermogate that kept no history in it; fit it again")
+        return found
 
     def _by_step(self, fan: Fan, quantities: Callable[[CompactOutputPayload], Iterable[tuple[Any, Array]]]) -> Frame:
         first, period = fan.update.forecast.valid_time, self._settings.zone.period

@@ -72,6 +72,14 @@ def default_members(network: Network) -> Tables:
     }
 
 
+def former_members(network: Network) -> tuple[Tables, ...]:
+    """The members that a bank which is told none had before, the newest first: a zone with state of them goes on with
+    them."""
+    tables = default_members(network).items()
+    former: Tables = {name: {**table, "plans": True} for name, table in tables if name != "habits"}
+    return former, {name: table for name, table in former.items() if name != "blind"}
+
+
 @dataclass(frozen=True)
 class BankOptions:
     """Everything the bank can be told."""

@@ -60,7 +60,8 @@ class JournalFile(Database):
             return self._connection.execute(query, values).fetchall()
 
     def watch(self, *files: Path) -> None:
-        """Write nothing once these files are deleted or replaced: it would be lost with the process."""
+        """Write nothing any more once these are no longer the files that they are now: it would be lost with the
+        process."""
         self._watched = {file: _identity(file) for file in files}
 
     def transaction(self, work: Callable[[Cursor], Result]) -> Result:
@@ -136,7 +137,8 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 
 def schema_problem(connection: sqlite3.Connection) -> str | None:
-    """What in the file is no part of a journal, such as a trigger that would run, or is missing; or None."""
+    """What in the file is no part of a journal, such as a trigger, which would run with every write; or is missing.
+    None if all is as it should be."""
     there, expected = _schema(connection), _expected_schema()
     for kind, name, _ in (entry for entry in there if entry not in expected):
         return f"has the {kind} '{name[:40]}', which does not belong into it"
@@ -147,9 +149,11 @@ def schema_problem(connection: sqlite3.Connection) -> str | None:
 
 def _schema(connection: sqlite3.Connection) -> list[tuple[str, str, str]]:
     """Kind and name of every table, index, view and trigger, and the statement that makes it, with single blanks."""
-    # As bytes: what a damaged disk makes of text may be none.
+    # As bytes: what a damaged disk makes of text may be none. The table `unchecked` is of no use since all rows have
+    # checksums; journals of before have it.
     rows = connection.execute(
-        "SELECT CAST(type AS BLOB), CAST(name AS BLOB), CAST(coalesce(sql, '') AS BLOB) FROM sqlite_master"
+        "SELECT CAST(type AS BLOB), CAST(name AS BLOB), CAST(coalesce(sql, '') AS BLOB) FROM sqlite_master "
+        "WHERE type != 'table' OR name != 'unchecked'"
     )
     words = [[" ".join(text.decode("utf-8", "replace").split()) for text in row] for row in rows]
     return [(kind, name, statement) for kind, name, statement in words]

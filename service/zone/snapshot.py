@@ -48,9 +48,9 @@ class _Meta:
     held_qualities: tuple[Quality, ...]
     progress: Progress
     latest: Annotated[Update, BeforeValidator(partial(named, Update)), PlainSerializer(stored)]
-    diagnosis: Annotated[Diagnosis, BeforeValidator(partial(named, Diagnosis)), PlainSerializer(stored)]
-    trust: Annotated[Trust, BeforeValidator(partial(named, Trust)), PlainSerializer(stored)]
-    suspicions: tuple[Suspicion, ...]
+    diagnosis: Annotated[Diagnosis, BeforeValidator(partial(named, Diagnosis)), PlainSerializer(stored)] = Diagnosis()
+    trust: Annotated[Trust, BeforeValidator(partial(named, Trust)), PlainSerializer(stored)] = Trust()
+    suspicions: tuple[Suspicion, ...] = ()
 
 
 _META = TypeAdapter(_Meta)
@@ -75,7 +75,8 @@ def fingerprint(network: Network, period: float, estimator: str, structure: Mapp
 
 
 def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
-    """The checkpoint of a worker with the fingerprint `mark`, by its `estimator`; None before its first update."""
+    """The checkpoint of a worker whose fingerprint is `mark`, and `estimator` the name of its own; None before its
+    first update."""
     # The inputs that are held go on while the zone stalls, and nothing else does.
     carried, standing = worker.carried, worker.standing
     if standing is None or carried.standing is None or carried.standing.verified is None:
@@ -122,7 +123,8 @@ def _about(worker: ZoneWorker, estimator: str) -> dict[str, object]:
 
 
 def parameters(checkpoint: Checkpoint) -> tuple[float, ...]:
-    """The posterior means of the parameters in a checkpoint, in their own units; none before every sample."""
+    """The posterior means of the parameters in a checkpoint, in the network's order and each in its own unit; none
+    before every sample."""
     if checkpoint.is_beginning:
         return ()
     return _META.validate_python(checkpoint.meta).latest.parameters
@@ -142,9 +144,7 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
     carried = worker.carried._replace(
         held=Held(**under(_HELD, arrays)),
         day=restored(under(_DAY, arrays)),
-        recent=Recent(**under(_RECENT, arrays)),
         record=Record(**under(_RECORD, arrays)),
-        thermostat=thermostats.unpack(under(_THERMOSTAT, arrays), len(worker.network.inputs)),
         live=loop.live.unpack(under(_LIVE, arrays)),
         suspicions=meta.suspicions,
         earlier=tuple(_earlier(loop, arrays)),
@@ -157,6 +157,12 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
             loop.as_issued.unpack(under(_ISSUED, arrays)),
         ),
     )
+    # State of before the telemetry was watched has none.
+    if recent := under(_RECENT, arrays):
+        carried = carried._replace(recent=Recent(**recent))
+    # A zone that was told no set-point once stored nothing of these.
+    if known := under(_THERMOSTAT, arrays):
+        carried = carried._replace(thermostat=thermostats.unpack(known, len(worker.network.inputs)))
     worker.resume(Standing(carried, update), meta.held_qualities, meta.progress, meta.trust)
 
 

@@ -9,6 +9,7 @@ import pytest
 from support.thermostat_house import table
 
 import thermogate as tg
+from service.store.checkpoint import decode, encode
 
 pytest.importorskip("matplotlib")
 
@@ -150,6 +151,18 @@ def test_a_report_that_cannot_be_made_is_refused_in_one_sentence(model, tmp_path
         model.report(tmp_path / "room.html", language="fr")
     with pytest.raises(tg.DataError, match=r"the report cannot be written to .*No such file.*another file"):
         model.report(tmp_path / "missing" / "room.html")
+
+
+def test_a_model_saved_before_there_were_reports_says_so(model, tmp_path):
+    model.save(tmp_path / "m.npz")
+    now = decode((tmp_path / "m.npz").read_bytes(), tmp_path)
+    then = {name: value for name, value in now.arrays.items() if not name.startswith("trace.")}
+    (tmp_path / "then.npz").write_bytes(encode(now._replace(arrays=then)))
+    old = tg.load(tmp_path / "then.npz")
+    assert old.predictions.equals(model.predictions)
+    with pytest.raises(tg.DataError, match="kept no history in it; fit it again"):
+        old.report(tmp_path / "room.html")
+    assert "<pre>" in old._repr_html_()
 
 
 def test_a_notebook_shows_the_answers_before_the_scores(model, loaded):

@@ -56,11 +56,9 @@ def _judged(arguments: argparse.Namespace) -> tuple[int, str]:
         return UNKNOWN, f"{url} is no URL of a daemon; write one such as http://127.0.0.1:8080"
     try:
         key = None if arguments.key_file is None else _key(arguments.key_file)
-        trusted = ssl.create_default_context(cafile=arguments.ca_file)
+        trusted = _trusted(arguments.ca_file)
     except ServiceError as error:
         return UNKNOWN, str(error)
-    except OSError as error:
-        return UNKNOWN, f"--ca-file: {arguments.ca_file} cannot be used: {error.strerror or error}"
 
     def get(path: str) -> _Answer:
         return _got(url.rstrip("/") + path, key, trusted, arguments.timeout)
@@ -93,6 +91,13 @@ def _key(file: Path) -> str:
     return key
 
 
+def _trusted(file: Path | None) -> ssl.SSLContext:
+    try:
+        return ssl.create_default_context(cafile=file)
+    except OSError as error:
+        raise ServiceError(f"--ca-file: {file} cannot be used: {error.strerror or error}") from None
+
+
 def _got(url: str, key: str | None, trusted: ssl.SSLContext, timeout: float) -> _Answer:
     """The answer to GET `url`; OSError or ValueError if there is none that a daemon would give."""
     request = urllib.request.Request(url, headers={} if key is None else {"Authorization": f"Bearer {key}"})
@@ -108,7 +113,8 @@ def _got(url: str, key: str | None, trusted: ssl.SSLContext, timeout: float) -> 
 
 def _zones(status: int, document: dict[str, Any]) -> tuple[int, str]:
     if status == HTTPStatus.OK:
-        return OK, f"zones running: {document['zone_count']}"
+        # A daemon of an earlier version lists all zones, and does not count them.
+        return OK, f"zones running: {document.get('zone_count', len(document['zones']))}"
     behind = document.get("zones")
     if status != HTTPStatus.SERVICE_UNAVAILABLE or not behind:
         return UNKNOWN, str(document["detail"])

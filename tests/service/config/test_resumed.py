@@ -7,10 +7,11 @@ import pytest
 from support.config_samples import changed as written
 from support.config_samples import learned
 
-from estimator.bank.options import DEFAULT_MEMBERS
+from estimator.bank.options import DEFAULT_MEMBERS, former_members
 from service.config.fitting import fingerprint
 from service.config.load import load
 from service.config.site import Config
+from service.config.written import effective_toml
 from service.store.store import JOURNAL
 
 
@@ -39,6 +40,34 @@ def test_a_bank_goes_on_with_other_priors_but_not_with_other_members(tmp_path: P
     assert mark(far={}) != mark()
     assert mark(far={"past_outputs": 3}) != mark()
     assert mark(near={"particles": 32}) != mark()
+
+
+@pytest.mark.parametrize("network", ["tite", "auto"])
+@pytest.mark.parametrize("given", [{}, {"estimator": "bank", "estimator_options": {"discount": 0.99}}])
+@pytest.mark.parametrize("before_that", [0, 1])
+def test_a_zone_with_state_of_the_former_members_goes_on_with_them(
+    tmp_path: Path, network: str, given: dict[str, Any], before_that: int
+) -> None:
+    table = {"network": network, **given}
+    former = former_members(load(written(tmp_path, **table)).zones[0].network)[before_that]
+    options = {**given.get("estimator_options", {}), "members": former}
+    before = load(written(tmp_path, **{**table, "estimator": "bank", "estimator_options": options}))
+    learned(before, 0)
+    now = load(written(tmp_path, **table))
+    assert fingerprint(now.zones[0]) == fingerprint(before.zones[0])
+    assert now.zones[0].options == before.zones[0].options
+    assert list(now.zones[0].options.members) == list(former)
+    assert list(now.zones[1].options.members) == list(DEFAULT_MEMBERS)
+    kept = tmp_path / "kept.toml"
+    kept.write_text(effective_toml(now), encoding="utf-8")
+    assert fingerprint(load(kept).zones[0]) == fingerprint(before.zones[0])
+
+
+def test_members_that_are_named_are_those_of_the_zone_whatever_is_stored(tmp_path: Path) -> None:
+    former = former_members(load(written(tmp_path)).zones[0].network)[0]
+    named = {"estimator": "bank", "estimator_options": {"members": {"near": {"estimator": "ekf"}}}}
+    learned(load(written(tmp_path, estimator="bank", estimator_options={"members": former})), 0)
+    assert list(load(written(tmp_path, **named)).zones[0].options.members) == ["near"]
 
 
 def test_state_of_a_bank_or_of_another_estimator_leaves_the_default(tmp_path: Path) -> None:
