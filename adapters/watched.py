@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import AsyncIterator, Callable, Hashable, Iterable, Sequence
 from contextlib import asynccontextmanager
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from adapters.channel import Binding
 from adapters.edge import LiveConverter, looked_at
@@ -141,19 +141,7 @@ class Channels(Generic[AtWork]):
             _log.info("sources.%s: the device gives %s again", self._name, self.names(point))
 
 
-class Link(Protocol):
-    """The connection of a live source."""
-
-    async def open(self) -> None:
-        """Connect. Raises SourceError."""
-        ...
-
-    async def close(self) -> None:
-        """Disconnect; safe to call twice, and when it was never open."""
-        ...
-
-
-AnyLink = TypeVar("AnyLink", bound=Link)
+Link = TypeVar("Link")
 
 
 class LiveSource(Source):
@@ -174,7 +162,7 @@ class LiveSource(Source):
             await self._link.close()
 
     @asynccontextmanager
-    async def _opened(self, make: Callable[[], AnyLink]) -> AsyncIterator[AnyLink]:
+    async def _opened(self, make: Callable[[], Link]) -> AsyncIterator[Link]:
         """The link that `make` makes, open; its errors begin with the name of the source. Raises SourceConfigError for
         what `check` finds."""
         for problem in self.check():
@@ -182,7 +170,7 @@ class LiveSource(Source):
         with said_of(self.name):
             self._link = link = make()
             try:
-                await link.open()
+                await self._link.open()
                 yield link
             finally:
-                await link.close()
+                await self._link.close()

@@ -12,9 +12,8 @@ from zoneinfo import ZoneInfo, available_timezones
 from pydantic import AfterValidator, BeforeValidator, PlainSerializer, PlainValidator, ValidationInfo
 
 from adapters.errors import SourceConfigError
-from adapters.fields.durations import DAY, format_duration, parse_duration
+from adapters.fields.durations import DAY, format_duration, format_size, parse_duration, parse_size
 from adapters.fields.numbers import is_level, number_in, whole_in
-from adapters.fields.sizes import format_size, parse_size
 from adapters.fields.words import shown
 from adapters.holidays import public_holidays
 from adapters.timestamps import timestamp_parser
@@ -90,6 +89,7 @@ name = check(
     matching("[A-Za-z][A-Za-z0-9_]{0,63}"),
     "{} cannot be a name; use letters, digits and _, beginning with a letter, such as T_air",
 )
+ordered = check(lambda pair: pair if pair[0] < pair[1] else None, "{} is reversed; write the smaller number first")
 delimiter = check(matching(r'[^"\r\n]'), 'must be one character, such as "," or ";" or "\\t", not {}')
 
 
@@ -156,16 +156,9 @@ def period(value: object) -> int:
     return int(seconds)
 
 
-def distinct(levels: tuple[float, ...]) -> tuple[float, ...]:
-    if len(set(levels)) < len(levels):
-        raise ValueError(f"{shown(levels)} lists the same level twice; list every level once")
-    return levels
-
-
-def ordered(pair: tuple[float, float]) -> tuple[float, float]:
-    if pair[0] >= pair[1]:
-        raise ValueError(f"{shown(pair)} is reversed; write the smaller number first")
-    return pair
+def each_once(sentence: str) -> Callable[[object], Any]:
+    """What takes a tuple without the same item twice."""
+    return check(lambda items: items if len(set(items)) == len(items) else None, sentence)
 
 
 def pace(value: object) -> float:
@@ -283,7 +276,7 @@ Identifier = Annotated[str, BeforeValidator(identifier)]
 Name = Annotated[str, BeforeValidator(name)]
 Share = Annotated[str | float, BeforeValidator(share)]
 Level = Annotated[float, BeforeValidator(level)]
-Levels = Annotated[tuple[Level, ...], AfterValidator(distinct)]
+Levels = Annotated[tuple[Level, ...], AfterValidator(each_once("{} lists the same level twice; list every level once"))]
 Range = Annotated[tuple[Number, Number], AfterValidator(ordered)]
 _AsText: Any = PlainSerializer(format_duration, return_type=str)
 Duration = Annotated[float, BeforeValidator(parse_duration), _AsText]

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer
 
 from adapters.channel import LiveConfig, WatchedChannelConfig
-from adapters.fields.values import Count, Duration, PositiveDuration, Text, TimeZone, choice
+from adapters.fields.values import Count, Duration, PositiveDuration, Text, TimeZone, choice, each_once
 from adapters.fields.words import shown
 from adapters.payload.json_pointer import parse, written
 from adapters.payload.times import TIME_FORMATS
@@ -39,17 +39,11 @@ def word(value: object) -> str:
     return quality_word(value)
 
 
-def different(times: tuple[str, ...]) -> tuple[str, ...]:
-    if len(set(times)) < len(times):
-        raise ValueError(f"{shown(times)} names the same time twice")
-    return times
-
-
 def times_of(*times: str) -> Any:
     """The type of `times`: some of `times` in the order of preference."""
     return Annotated[
         tuple[Annotated[str, BeforeValidator(choice(*times))], ...],
-        AfterValidator(different),
+        AfterValidator(each_once("{} names the same time twice")),
         Field(min_length=1, description=f"a list of {', '.join(times)} in the order of preference"),
     ]
 

@@ -16,11 +16,8 @@ def in_background(
     plant: Callable[[asyncio.Event, Callable[[Ready], None]], Coroutine[Any, Any, None]],
     patience: float = 5.0,
 ) -> Iterator[Ready]:
-    """Run `plant(stop, ready)` in a thread of its own while the block runs; gives what it calls `ready` with.
-
-    Ports and files are there when the block begins; after it, the plant has `patience` s to stop. Raises what `plant`
-    raises where the start fails.
-    """
+    """Run `plant(stop, ready)` in a thread of its own while the block runs, from when it calls `ready`, whose argument
+    the block gets; then it has `patience` s to stop. Raises what `plant` raises where the start fails."""
     begun: Future[Ready] = Future()
     stop, background = asyncio.Event(), Background("simulated-bms")
 

@@ -1,9 +1,6 @@
-"""The living building as a logger writes it down, in its own time: the plant of the demo.
-
-It has lived for a fortnight when the daemon comes, which has learned what came of it and is there at once; then it goes
-on at its pace. The daemon follows the file that the logger writes; on a slow machine both are slower, and no number is
-another.
-"""
+"""The living building as a logger writes it down, in its own time: the plant of the demo. It has lived for a fortnight
+when the daemon comes, which has learned what came of it; then it goes on at its pace, and the daemon follows the file.
+On a slow machine both are slower, and no number is another."""
 
 import asyncio
 import json

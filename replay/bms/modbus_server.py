@@ -1,8 +1,5 @@
-"""The plant's Modbus TCP server: values are encoded when they are asked for, and the menu's faults act.
-
-All devices are behind one address, told apart by their unit ids, as behind a gateway. Reading is all there is: any
-other function is refused.
-"""
+"""The plant's Modbus TCP server: values are encoded when they are asked for, and the menu's faults act. All devices are
+behind one address, told apart by their unit ids; any function but reading is refused."""
 
 from __future__ import annotations
 

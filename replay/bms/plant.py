@@ -1,8 +1,5 @@
-"""The devices of the simulated plant: what each measures, and in which registers it serves that.
-
-Three makes of room controller and a weather station differ as those of a grown plant do: in tables, types, word orders,
-scales, units and in what stands for "not available". `plant.toml` has them as data.
-"""
+"""The devices of the simulated plant, which `plant.toml` has as data: three makes of room controller and a weather
+station that differ in tables, types, word orders, scales, units and in what stands for "not available"."""
 
 import tomllib
 from collections.abc import Callable, Mapping
@@ -54,11 +51,8 @@ class _Room(NamedTuple):
 
 
 def devices(building: Building, *, pace: float) -> tuple[Device, ...]:
-    """Weather station, and a controller per room.
-
-    Energy counters count what flows in wall-clock time: at `pace` simulated seconds per second, a `pace`th of the heat
-    of the simulated time.
-    """
+    """Weather station, and a controller per room. Energy counters count in wall-clock time: at `pace` simulated seconds
+    per second, a `pace`th of the heat of the simulated time."""
     found = [Device("weather", WEATHER_UNIT_ID, _channels("weather", _Room(0, 0.0, pace)))]
     for index, room in enumerate(building.rooms):
         relay = isinstance(room.thermostat, Relay)

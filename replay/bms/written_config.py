@@ -1,10 +1,6 @@
-"""The Thermogate configuration that reads the simulated building over Modbus, one zone per room.
-
-The daemon stamps readings by the wall clock, and at a pace of p the building lives p simulated seconds in one of them.
-What the daemon sees is therefore, exactly, a building in real time whose capacitances are a p-th of the true ones:
-C / p dT/dt = sum of flows. Conductances, powers and the solar aperture stay as they are. Noise constants of the
-estimator that belong to a step are written out as they would be for the simulated length of that step.
-"""
+"""The Thermogate configuration that reads the simulated building over Modbus, one zone per room. The daemon stamps
+readings by the wall clock: at a pace of p it sees, exactly, a building in real time whose capacitances are a p-th of
+the true ones, C / p dT/dt = sum of flows. Noise constants of a step are written out as for its simulated length."""
 
 import math
 from collections.abc import Sequence

@@ -1,8 +1,6 @@
-"""The BMS's own Zenoh session: every channel, again and again, in three formats.
-
-`bms/plain/<device>/<channel>` and `bms/json/<device>/<channel>` carry one value each, `bms/senml/<device>` all of a
-device. Publishers keep a cache and can be detected, so that an advanced subscriber recovers what it missed.
-"""
+"""The BMS's own Zenoh session, every channel again and again: `bms/plain/<device>/<channel>` and
+`bms/json/<device>/<channel>` carry one value each, `bms/senml/<device>` all of a device. Publishers keep a cache and
+can be detected, so that an advanced subscriber recovers what it missed."""
 
 from __future__ import annotations
 
@@ -94,10 +92,7 @@ class ZenohPublisher:
 
 
 def _payloads(device: Device, values: Mapping[Channel, float], stamp: float) -> Iterator[tuple[str, bytes]]:
-    """By key what is put for `values` of channels, NaN for "not available", at UTC seconds `stamp`.
-
-    In a SenML pack a value that is not available is null, which SenML itself would leave out.
-    """
+    """By key what is put for `values` of channels, NaN for "not available" (in SenML null), at UTC seconds `stamp`."""
     pack: list[dict[str, object]] = []
     for channel, value in values.items():
         place = f"{device.name}/{channel.name}"

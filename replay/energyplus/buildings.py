@@ -1,7 +1,4 @@
-"""The buildings: boxes with windows, walls of their own, heaters, and the people who live or work in them.
-
-`buildings.toml` has them as data.
-"""
+"""The buildings of `buildings.toml`: boxes with windows, walls, heaters, and the people who live or work in them."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -59,11 +56,8 @@ class Glazing(NamedTuple):
 
 @dataclass(frozen=True)
 class Room:
-    """A box of air: its lower south-western `corner` and its `size` in m, both (east, north, up).
-
-    A side is shared with the room that `beside` names, or else outdoors; `windows` are areas of glass in m2 by side.
-    `heater` is the rated power in W of its electric panel.
-    """
+    """A box of air: its lower south-western `corner` and `size` in m, both (east, north, up); `windows` are m2 of glass
+    by side. A side is shared with the room that `beside` names, or else outdoors. `heater` is the rated power in W."""
 
     name: str
     corner: tuple[float, float, float]
@@ -81,12 +75,9 @@ class Room:
 
 @dataclass(frozen=True)
 class Building:
-    """Rooms, and what is around and between them.
-
-    `partition` is between rooms side by side, `storey` between rooms above each other. `air_changes` per hour are those
-    of the joints in the envelope, at 20 K between inside and outside and a wind of 3.4 m/s. `doors` m3/s of air are
-    exchanged between neighbours.
-    """
+    """Rooms, and what is around and between them: `partition` side by side, `storey` above each other. `air_changes`
+    per hour are those of the joints, at 20 K between inside and outside and a wind of 3.4 m/s; `doors` m3/s of air are
+    exchanged between neighbours."""
 
     name: str
     what: str

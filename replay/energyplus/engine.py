@@ -47,12 +47,9 @@ Controller = Callable[[Values], Values]
 
 
 class Engine:
-    """A model run step by step: `first` holds the values at its first step, `step` goes to the next one.
-
-    At every step, first the `variables` are read, whose rates are those of the step before and whose weather is that of
-    the step to come, and then the `actuators` are set, which act during the step to come. While EnergyPlus warms up
-    (it repeats the first day until the building has settled), `warm_up` sets them.
-    """
+    """A model run step by step: `first` holds the values at its first step, `step` goes to the next one. At every step
+    the `variables` are read, rates of the step before and the weather to come, and then the `actuators` set for the
+    step to come; `warm_up` sets them while EnergyPlus repeats the first day until the building has settled."""
 
     def __init__(
         self,

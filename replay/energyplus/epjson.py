@@ -1,8 +1,5 @@
-"""A `Building` as EnergyPlus reads it (epJSON); `model.toml` has what all models share.
-
-There is no HVAC system, and the system's step is the zone's step, so that whatever is set at the beginning of a step
-acts during the whole of it.
-"""
+"""A `Building` as EnergyPlus reads it (epJSON); `model.toml` has what all models share. There is no HVAC system, and
+the system's step is the zone's, so that what is set at its beginning acts during the whole of it."""
 
 import tomllib
 from collections.abc import Sequence
@@ -33,14 +30,7 @@ def model_of(building: Building, begin: date) -> Model:
     """The model of `building` from the midnight that begins the day `begin` on, for twenty years."""
     shared = tomllib.loads(files(__package__).joinpath("model.toml").read_text(encoding="utf-8"))
     model: Model = shared["base"] | {
-        "Building": {
-            building.name: {
-                "terrain": "Suburbs",
-                "solar_distribution": "FullExterior",
-                "minimum_number_of_warmup_days": 6,
-                "maximum_number_of_warmup_days": 50,
-            }
-        },
+        "Building": {building.name: shared["building"]},
         "Timestep": {"step": {"number_of_timesteps_per_hour": round(3600 / STEP)}},
         "ConvergenceLimits": {"limits": {"minimum_system_timestep": round(STEP / 60)}},
         "WindowMaterial:SimpleGlazingSystem": {

@@ -1,9 +1,7 @@
-"""How much heat a building loses, found as one would in the field: a co-heating test in weather that stands still.
-
-Each room in turn is held warmer than the others until nothing changes any more. In steady state the heating powers p
-and the temperatures over outdoors d of all tests obey P = G D, with one column for each test, so G = P D^-1: row i of
-G holds the conductances of room i. Its sum is what the room loses to outdoors per kelvin (UA).
-"""
+"""How much heat a building loses, found by a co-heating test in weather that stands still. Each room in turn is held
+warmer until nothing changes any more. Then the heating powers p and the temperatures over outdoors d of all tests obey
+P = G D, with one column for each test, so G = P D^-1: row i of G holds the conductances of room i, and its sum is what
+the room loses to outdoors per kelvin (UA)."""
 
 import tempfile
 from pathlib import Path
@@ -37,10 +35,8 @@ class HeatLoss(NamedTuple):
 
 
 def heat_loss(building: Building, weather: WeatherFile, *, outdoor: float, wind: float) -> HeatLoss:
-    """The heat loss of `building` at an outdoor temperature [degC] and a wind [m/s], without sun, under a cloudy sky.
-
-    `weather` says where the building stands: the density of the air depends on the height above the sea.
-    """
+    """The heat loss of `building` at an outdoor temperature [degC] and a wind [m/s], without sun, under a cloudy sky,
+    where `weather` is: the density of the air depends on the height."""
     rooms = len(building.rooms)
     powers, excess = np.empty((rooms, rooms)), np.empty((rooms, rooms))
     with tempfile.TemporaryDirectory(prefix="thermogate-co-heating-") as folder:

@@ -38,11 +38,8 @@ def proportional(rated: Array, air: Array, set_points: Array, band: float = _BAN
 
 
 class Planned:
-    """A pseudo-random binary sequence (PRBS) for every room, known beforehand, which repeats after three weeks.
-
-    Each room has the maximum-length sequence from another place on, so that the rooms are heated independently. It is
-    overruled only where a room would become too cold or too warm to be in.
-    """
+    """A pseudo-random binary sequence (PRBS) for every room, which repeats after three weeks: the maximum-length
+    sequence, for each from another place on. It is overruled only where a room would become too cold or too warm."""
 
     def __init__(self, rated: Array, seed: int) -> None:
         self._rated = rated

@@ -1,8 +1,5 @@
-"""The shared library of EnergyPlus, found in the extra `energyplus` and called with ctypes.
-
-The package carries the library without its Python module. Only what `replay.energyplus.engine` needs is declared here;
-names are those of EnergyPlus's C headers (`runtime.h`, `datatransfer.h`).
-"""
+"""The shared library of EnergyPlus, which the package of the extra `energyplus` carries without its Python module,
+called with ctypes; names are those of EnergyPlus's C headers (`runtime.h`, `datatransfer.h`)."""
 
 import ctypes
 import importlib.util

@@ -26,11 +26,8 @@ _AIR_HEAT_CAPACITY = 1006.0  # J/(kg K)
 
 
 class Inputs(NamedTuple):
-    """What acts on the rooms (N,) during one step.
-
-    `heating` in W, cut to what the heaters can give; `people` as a number; `equipment` and `lights` in W; `opening` of
-    windows to outdoors in W/K.
-    """
+    """What acts on the rooms (N,) during one step: `heating` in W, cut to what the heaters can give; `people` as a
+    number; `equipment` and `lights` in W; `opening` of windows to outdoors in W/K."""
 
     heating: Array
     people: Array
@@ -40,13 +37,10 @@ class Inputs(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """What no sensor of the plant tells, per room (N,), mean over one step. Flows are in W, into the room.
-
-    `sun` comes through the glass, `windows` through open ones, `infiltration` through joints, and `doors` with the air
-    of the neighbours. `convective` is what heaters, people, equipment and lights give to the air at once, `convection`
-    what all surfaces give to it, and `storage` what it keeps. So the balance of the air is
-    `storage = convective + convection + windows + infiltration + doors`.
-    """
+    """What no sensor of the plant tells, per room (N,), mean over one step; flows in W, into the room: `sun` through
+    the glass, `windows` through open ones, `infiltration` through joints, `doors` with the air of neighbours. The
+    balance of the air is `storage = convective + convection + windows + infiltration + doors`, of which heaters,
+    people, equipment and lights give `convective` at once, and all surfaces `convection`."""
 
     people: Array
     equipment: Array
@@ -67,12 +61,9 @@ class Truth(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """The plant at the time `time` (UTC seconds since 1970), the boundary between two steps.
-
-    `air` (N,) is in degC at that time. `outdoor` [degC], `irradiance` (global, on the horizontal) [W/m2], `wind` [m/s]
-    and `air_density` [kg/m3] hold over the step to come. `facade`, the irradiance on the southern wall [W/m2], and
-    `truth` are of the step that has just ended; of no use before the first.
-    """
+    """The plant at `time` (UTC s), the boundary between two steps. `air` (N,) is in degC at that time. `outdoor`
+    [degC], `irradiance` (global, horizontal) [W/m2], `wind` [m/s] and `air_density` [kg/m3] hold over the step to come;
+    `facade`, on the southern wall [W/m2], and `truth` are of the step that has ended, of no use before the first."""
 
     time: float
     air: Array
@@ -88,15 +79,11 @@ Controller = Callable[[Readings], Inputs]
 
 
 class Plant:
-    """A building under a year of weather that repeats, in steps of STEP s; several may live at once.
-
-    `now` is what the plant shows before the next step; `step` sets the inputs of that step, lives it, and returns the
-    new `now`. Before its first moment, EnergyPlus repeats the first day until the building has settled; `warm_up`
-    controls it meanwhile, by default with heaters that keep 20 degC in empty rooms. Close it, or use it in a `with`.
-
-    The first moment is the local midnight (standard time of the weather file's place) that begins the day `begin`.
-    Raises EnergyPlusMissing without the extra, WeatherFileError, and EnergyPlusError where EnergyPlus gives up.
-    """
+    """A building under a year of weather that repeats, in steps of STEP s; several may live at once. `now` is what it
+    shows before the next step; `step` lives that under inputs. The first moment is the local midnight (standard time of
+    the weather file's place) that begins the day `begin`; before it EnergyPlus repeats the first day until the building
+    has settled, under `warm_up`, by default 20 degC in empty rooms. Close it, or use it in a `with`. Raises
+    EnergyPlusMissing without the extra, WeatherFileError, and EnergyPlusError where EnergyPlus gives up."""
 
     def __init__(
         self,

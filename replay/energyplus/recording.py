@@ -21,13 +21,10 @@ THERMOMETER = Sensor(noise_sd=0.03, resolution=0.01)
 
 
 class Recording(NamedTuple):
-    """K rows, STEP s apart, of N rooms. Inputs and truth of row k act from its time to that of row k + 1.
-
-    `times` (K,) are UTC seconds, `air` (K, N) and `outdoor` (K,) what the thermometers say [degC], `set_points` (K, N)
-    in degC, `heating` (K, N) in W, `irradiance` (K,), global on the horizontal, and `facade` (K,), on the southern
-    wall, in W/m2. `exact` (K, N) are the rooms' temperatures without the thermometers; `wind` (K,) is in m/s. The
-    fields of `truth` are (K, N), and so are `persons`, how many are there.
-    """
+    """K rows, STEP s apart, of N rooms; inputs and truth act from the time of a row to that of the next. `times` (K,)
+    are UTC s, `air` (K, N) and `outdoor` (K,) what the thermometers say and `exact` (K, N) what they should,
+    `set_points` (K, N), all degC; `heating` (K, N) in W, `irradiance` (K,), global on the horizontal, and `facade`
+    (K,), on the southern wall, in W/m2, `wind` (K,) in m/s. `persons` and the fields of `truth` are (K, N)."""
 
     building: Building
     weather: WeatherFile
@@ -54,11 +51,9 @@ def record(
     seed: int,
     tick: Callable[[], None] = lambda: None,
 ) -> Recording:
-    """The life of `building` for `days` days, by the clock of the place; `tick` is called after each day.
-
-    `heating` is a name of `replay.energyplus.heating.HEATINGS`. The same arguments give the same rows. Raises what
-    `Plant` raises, and ReplayError for a heating that does not exist.
-    """
+    """The life of `building` for `days` days, by the clock of the place, under a heating of
+    `replay.energyplus.heating.HEATINGS`; `tick` is called after each day. Raises what `Plant` raises, and ReplayError
+    for an unknown heating."""
     life = Life([room.use for room in building.rooms], STEP, seed)
     heat = heating_named(heating, building, seed)
     seen, acted, ended, wanted = [], [], [], []

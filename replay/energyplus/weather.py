@@ -34,10 +34,8 @@ class WeatherFile(NamedTuple):
 
 
 def weather_file(name: str, packaged: Path) -> WeatherFile:
-    """The file of a city of CITIES, in the folder `packaged`, or the EPW file at the path `name`.
-
-    WeatherFileError where there is none, or where it is no EPW file.
-    """
+    """The file of a city of CITIES, in the folder `packaged`, or the EPW file at the path `name`; WeatherFileError
+    where there is none, or where it is no EPW file."""
     path = packaged / CITIES[name] if name in CITIES else Path(name)
     if path.suffix.lower() != ".epw":
         raise WeatherFileError(
@@ -60,10 +58,8 @@ def weather_file(name: str, packaged: Path) -> WeatherFile:
 
 
 def write_steady(path: Path, place: WeatherFile, *, outdoor: float, wind: float) -> WeatherFile:
-    """Write a year at `place` in which nothing changes: no sun, a sky as warm as the air, `outdoor` degC, `wind` m/s.
-
-    Air pressure is that of the height in the place's first line. Returns the file at `path`.
-    """
+    """Write a year at `place` in which nothing changes: no sun, a sky as warm as the air, `outdoor` degC, `wind` m/s,
+    the pressure of the place's height. Returns the file at `path`."""
     with place.path.open(encoding="utf-8", errors="replace") as lines:
         location = next(lines).rstrip("\n")
     height = float(location.split(",")[9])

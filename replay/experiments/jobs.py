@@ -35,10 +35,8 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 
 class Job(NamedTuple):
-    """One contender on one recording with one seed: `work(payload)` gives named arrays and depends on nothing else.
-
-    `work` is a function of a module, so that another process finds it.
-    """
+    """One contender on one recording with one seed: `work(payload)`, a function of a module, so that another process
+    finds it, gives named arrays and depends on nothing else."""
 
     recording: str
     contender: str
@@ -73,11 +71,9 @@ def _sources() -> bytes:
 
 
 def run_jobs(jobs: Sequence[Job], folder: Path, workers: int, progress: bool) -> list[Arrays]:
-    """The results of `jobs`, in their order, kept in `folder` and taken from there where they are.
-
-    With one worker everything runs in this process. Interrupted by Ctrl-C, the finished runs stay and KeyboardInterrupt
-    is raised. Raises ReplayError naming the run that failed.
-    """
+    """The results of `jobs`, in their order, kept in `folder` and taken from there where they are; with one worker in
+    this process. After Ctrl-C the finished runs stay and KeyboardInterrupt is raised. ReplayError names a run that
+    failed."""
     paths = [job.file(folder) for job in jobs]
     results = [load(path) for path in steps(paths, "finished runs", len(paths))]
     missing = [index for index, result in enumerate(results) if result is None]

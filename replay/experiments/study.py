@@ -69,11 +69,9 @@ class Results:
         quoted: Mapping[str, Sequence[Cell]] | None = None,
         heading: str = "estimator",
     ) -> Table:
-        """A row for every recording and contender that has any figure, a column for each figure of `columns`.
-
-        `columns` is by heading, where that is another than the figure; `heading` is that of the contenders. `quoted`
-        are published rows by label, below ours. Where there is one recording only, its name has no column.
-        """
+        """A row for every recording (named where there are several) and contender that has any figure, a column for
+        each figure of `columns`, by heading where that is another; `heading` is that of the contenders. `quoted` are
+        published rows by label, below ours."""
         columns = columns if isinstance(columns, Mapping) else {name: name for name in columns}
         named = len(self.recordings) > 1
         rows: list[tuple[Cell, ...]] = []

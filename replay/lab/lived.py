@@ -1,8 +1,5 @@
 """`make demo-state`: what the demo's daemon knows at its start, learned anew from the days that its building has lived.
-
-Forecasts that wait for their time, and what was known some days before, are most of a state and are left out: both come
-again within a day, which is minutes of a demo.
-"""
+What comes again within a day, forecasts that wait for their time and what was known before, is left out."""
 
 import json
 import sqlite3

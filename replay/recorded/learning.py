@@ -1,9 +1,6 @@
-"""`thermogate learn`: recorded history into the state of a daemon's zones, as if the daemon had been running.
-
-Every sample goes the way that it goes in the daemon: it is in the journal before a worker of its zone takes it, its
-update becomes a row of the history, and checkpoints follow. So a run that was interrupted goes on where it stopped,
-and a second run over the same history finds nothing new. Each zone learns in one process, several zones on all cores.
-"""
+"""`thermogate learn`: recorded history into the state of a daemon's zones, as if the daemon had been running. A sample
+is in the journal before a worker takes it, its update becomes a row of the history, and checkpoints follow: a run that
+was interrupted goes on, and a second one finds nothing new. Zones learn on all cores, each in one process."""
 
 import asyncio
 import multiprocessing
@@ -72,12 +69,10 @@ def learn(
     plant: Config | None = None,
     reset: Sequence[str] = (),
 ) -> Learned:
-    """Take the `histories` that `survey` has found for the zones of `config` into their state.
-
-    `jobs` processes learn, by default one for each core. Zones of `plant`, the daemon's own configuration, teach new
-    ones; by default those of `config`. The state of the zones `reset` is set aside first. Raises ServiceError where the
-    state cannot be written, a daemon runs on it, or it belongs to another configuration.
-    """
+    """Take the `histories` that `survey` has found for the zones of `config` into their state, in `jobs` processes
+    (default: one for each core), and set the state of the zones `reset` aside first. Zones of `plant`, the daemon's own
+    configuration (default: `config`), teach new ones. ServiceError where the state cannot be written, a daemon runs on
+    it, or it belongs to another configuration."""
     store = Store(config.site.state_dir)
     plant = plant or config
     try:

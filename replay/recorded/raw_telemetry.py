@@ -45,11 +45,8 @@ def switched(times: Seconds, grid: Seconds, values: Array) -> Array:
 
 
 def kept_rows(times: Seconds, faults: Faults, zone: str, rng: np.random.Generator) -> Seconds:
-    """Indices of the rows that the logger wrote, in the order in which it wrote them.
-
-    Faults keep away from clock changes: there the order of the rows is all that tells the repeated hour's two halves
-    apart. Gaps also keep away from both ends.
-    """
+    """Indices of the rows that the logger wrote, in its order. Gaps keep away from both ends, and all faults from clock
+    changes, where the order of the rows is all that tells the repeated hour's two halves apart."""
     calm = np.zeros(len(times), dtype=bool)
     for change in clock_changes(times, zone):
         calm |= np.abs(times - change) < QUIET

@@ -1,9 +1,6 @@
-"""A daemon's history as the period of a report: its samples once more through the zones' workers.
-
-What the daemon keeps is its own word: the published forecasts, the unmeasured gain, and in the newest checkpoint skill,
-findings, laws of the thermostat and what it knows of the room. What it does not keep, how parameters and fans of whole
-days went, follows from its accepted samples, for the same samples and settings give the same bits.
-"""
+"""A daemon's history as the period of a report: its samples once more through the zones' workers. Published forecasts,
+gain, and what the newest checkpoint has are the daemon's own; how parameters and fans of whole days went follows from
+its samples, for the same samples and settings give the same bits."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -28,11 +25,9 @@ _MOST_ROWS = 2**31
 
 
 def stored_traces(state_dir: Path, zones: Sequence[ZoneConfig], days: int | None, progress: bool) -> list[Trace]:
-    """What the `zones` of the daemon on `state_dir` went through in all of its journal, or in its last `days` days.
-
-    A zone without a usable sample is left out. Raises ReplayError where there is none with one, and ServiceError where
-    the state cannot be read or belongs to another configuration.
-    """
+    """What the `zones` of the daemon on `state_dir` that have a usable sample went through in all of its journal, or in
+    its last `days` days. Raises ReplayError where there is none, and ServiceError where the state cannot be read or
+    belongs to another configuration."""
     with read_state(state_dir) as state:
         return traces_of(state, state_dir, zones, days, progress)
 
@@ -60,10 +55,8 @@ def traces_of(
 
 
 def stored_samples(state_dir: Path, zone: ZoneConfig) -> list[Sample]:
-    """Every accepted sample of `zone` in `state_dir`, oldest first; ServiceError where they cannot be read.
-
-    Only channels count: the network may have changed as long as it has the same ones in the same order.
-    """
+    """Every accepted sample of `zone` in `state_dir`, oldest first, whose network may be another with the same
+    channels; ServiceError where they cannot be read."""
     with read_state(state_dir) as state:
         samples = list(state.journal.samples_after(zone.id, None))
     wanted = len(zone.network.measured), len(zone.network.inputs)

@@ -34,11 +34,7 @@ def horizons(trace: Trace) -> Sequence[HorizonSkill]:
 
 
 def skill(traces: Sequence[Trace]) -> Table:
-    return Table("skill", _HEADER, tuple(_skill_rows(traces)), SKILL)
-
-
-def _skill_rows(traces: Sequence[Trace]) -> list[tuple[Cell, ...]]:
-    return [
+    rows: list[tuple[Cell, ...]] = [
         (
             trace.zone,
             ahead(trace, one),
@@ -52,6 +48,7 @@ def _skill_rows(traces: Sequence[Trace]) -> list[tuple[Cell, ...]]:
         for trace in traces
         for one in horizons(trace)
     ]
+    return Table("skill", _HEADER, tuple(rows), SKILL)
 
 
 def ahead(trace: Trace, one: HorizonSkill) -> str:

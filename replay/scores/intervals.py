@@ -64,10 +64,8 @@ def winkler(y: Array, lower: Array, upper: Array, level: float) -> float:
 
 
 def pit_histogram(pit: Array, bins: int = 20) -> Array:
-    """Share (bins,) of the probability integral transforms F_k(y_k) (K,) in each of `bins` equal parts of [0, 1].
-
-    Calibrated forecasts give 1 / bins everywhere; a U says too narrow, a hump too wide.
-    """
+    """Share (bins,) of the probability integral transforms F_k(y_k) (K,) in each of `bins` equal parts of [0, 1]: 1 /
+    bins where forecasts are calibrated; a U says too narrow, a hump too wide."""
     kept = pit[~np.isnan(pit)]
     counts, _ = np.histogram(kept, bins=bins, range=(0.0, 1.0))
     return counts / kept.size if kept.size else np.full(bins, np.nan)

@@ -11,18 +11,13 @@ EPSILON = 1e-12
 
 
 def update_magnitudes(theta: Array) -> Array:
-    """d_k = ||log theta_k - log theta_(k-1)|| (33) of point estimates `theta` (K, n_theta): shape (K,), d_0 is NaN.
-
-    A fixed parameter contributes nothing.
-    """
+    """d_k = ||log theta_k - log theta_(k-1)|| (33) of point estimates `theta` (K, n_theta): shape (K,), d_0 is NaN."""
     return np.concatenate([[np.nan], np.linalg.norm(np.diff(np.log(theta), axis=0), axis=1)])
 
 
 def parasitic_learning_index(magnitudes: Array, dominated: Mask) -> float:
-    """Median update in disturbance-dominated steps over the median in the others (34); both (K,).
-
-    About 1: learning is indifferent to disturbances. NaN where one of the two regimes has no step.
-    """
+    """Median update in disturbance-dominated steps over the median in the others (34); both (K,). About 1: learning is
+    indifferent to disturbances. NaN where one of the two regimes has no step."""
     known = ~np.isnan(magnitudes)
     during, otherwise = magnitudes[dominated & known], magnitudes[~dominated & known]
     if not during.size or not otherwise.size:
@@ -31,11 +26,9 @@ def parasitic_learning_index(magnitudes: Array, dominated: Mask) -> float:
 
 
 def area_under_roc(score: Array, label: Mask) -> float:
-    """Probability that `score` (K,) is higher where `label` (K,) holds than where it does not; ties count half.
-
-    The Mann-Whitney statistic over the product of the two sizes, which is the area under the ROC curve. NaN where all
-    labels agree; rows without a score count for nothing.
-    """
+    """Probability that `score` (K,) is higher where `label` (K,) holds than where it does not, ties counting half: the
+    Mann-Whitney statistic over the product of the two sizes. NaN where all labels agree; rows without a score count for
+    nothing."""
     known = ~np.isnan(score)
     score, label = score[known], label[known]
     positive = int(label.sum())

@@ -6,12 +6,9 @@ from estimator.arrays import Array
 
 
 def residual_autocorrelation(residual: Array, lags: int, first: int = 1) -> float:
-    """J_acf (40): sum of the squared autocorrelations of `residual` (K,), NaN where missing, at lags `first` to `lags`.
-
-    The paper sums up to six hours; it does not say from which lag. Correlations are normalised with the variance of the
-    whole series, and each lag averages over the pairs that are complete. NaN for a constant residual or one without
-    lags.
-    """
+    """J_acf (40): sum of the squared autocorrelations of `residual` (K,), NaN where missing, at lags `first` to `lags`
+    (the paper does not say from which). They are normalised with the variance of the whole series, over the pairs that
+    are complete. NaN for a constant residual or one without lags."""
     e = residual - np.nanmean(residual)
     scale = np.sqrt(np.nanmean(e**2) * np.nanmean(e**2))
     if not scale > 0.0 or len(e) <= lags:

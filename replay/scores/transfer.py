@@ -23,11 +23,9 @@ class TransferErrors(NamedTuple):
 def frequency_response(
     network: Network, theta: Array, period: float, points: int = FREQUENCIES
 ) -> npt.NDArray[np.complex128]:
-    """G(e^(i Omega); theta) = H (e^(i Omega) I - A_d)^(-1) B_d of `theta` (n_theta, N), shape (N, points, n_y, n_u).
-
-    Omega runs in `points` equal steps from 0 to pi, the Nyquist frequency pi / `period` rad/s. Units: K per unit of
-    the input (K/K, K/W, K per W/m2).
-    """
+    """G(e^(i Omega); theta) = H (e^(i Omega) I - A_d)^(-1) B_d of `theta` (n_theta, N), shape (N, points, n_y, n_u), in
+    K per unit of the input; Omega runs in `points` equal steps from 0 to pi, the Nyquist frequency pi / `period`
+    rad/s."""
     model = discretise(assemble(network, theta), period)
     shift = np.exp(1j * np.linspace(0.0, np.pi, points))
     resolvent = shift[None, :, None, None] * np.eye(len(network.nodes)) - model.transition[:, None]

@@ -24,20 +24,18 @@ class Window(NamedTuple):
 
 def quiet_segments(dominated: Mask, period: float, shortest: float = SHORTEST_SEGMENT) -> list[Window]:
     """Unbroken runs of steps that are not `dominated` (K,) and last at least `shortest` s (5.1.4)."""
-    return [window for window in _runs(~dominated) if (window.end - window.begin) * period >= shortest]
+    return [window for window in runs(~dominated) if (window.end - window.begin) * period >= shortest]
 
 
 def daily_windows(times: Seconds, period: float, zone: str, begin: float, end: float) -> list[Window]:
-    """Runs of rows `period` s apart that fill the local hours [begin, end) of a day of `zone`, such as 20 to 6.
-
-    `times` (K,) are UTC seconds, ascending. A window that lacks a row, at an edge or inside, is left out.
-    """
+    """Runs of rows `period` s apart that fill the local hours [begin, end) of a day of `zone`, such as 20 to 6, without
+    lacking a row. `times` (K,) are UTC seconds, ascending."""
     # In whole seconds: most minutes are no exact share of an hour, and a window would lack its last row.
     second, first, last = wall_clock(times, zone) % DAY, round(begin * HOUR), round(end * HOUR)
     inside = (second >= first) & (second < last) if first < last else (second >= first) | (second < last)
     windows = []
     for stretch in _unbroken(times, period):
-        for run in _runs(inside[stretch.begin : stretch.end]):
+        for run in runs(inside[stretch.begin : stretch.end]):
             window = Window(run.begin + stretch.begin, run.end + stretch.begin)
             late, early = (second[window.begin] - first) % DAY, (last - second[window.end - 1]) % DAY
             if late < period and early <= period:
@@ -54,12 +52,9 @@ def open_loop_errors(
     inputs: Array,
     reference: Array,
 ) -> Array:
-    """RMSE [K] of each window of the first output simulated without measurements (17), shape (len(windows),).
-
-    `theta` (n_theta,) is frozen; row k of `initial` (K, n_x) is the state at t_k from which a window beginning there
-    starts, row k of `inputs` (K, n_u) holds over [t_k, t_(k+1)), `reference` (K,) is what the output is compared with.
-    The first row of a window is where it starts, so it is not scored.
-    """
+    """RMSE [K] of each window of the first output simulated without measurements (17), shape (len(windows),), but for
+    the row where it starts. `theta` (n_theta,) is frozen; `initial` (K, n_x) are states from which a window may start,
+    row k of `inputs` (K, n_u) holds over [t_k, t_(k+1)), `reference` (K,) is what the output is compared with."""
     errors = []
     for begin, end in windows:
         simulated = simulate_open_loop(network, theta, initial[begin], inputs[begin:end], period)
@@ -67,7 +62,7 @@ def open_loop_errors(
     return np.array(errors)
 
 
-def _runs(mask: Mask) -> list[Window]:
+def runs(mask: Mask) -> list[Window]:
     """Unbroken runs of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
     return [Window(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]

@@ -18,21 +18,13 @@ from estimator.arrays import Array
 from estimator.network.network import Parameter
 from estimator.network.presets import PRESETS
 from replay.localtime import DAY, HOUR, Seconds, midnight, wall_clock
-from replay.recorded.raw_telemetry import (
-    Faults,
-    Sensor,
-    kept_rows,
-    measured,
-    row_times,
-    switched,
-    with_missing,
-    with_outage,
-)
+from replay.recorded import raw_telemetry
+from replay.recorded.raw_telemetry import Faults, Sensor
 from replay.recorded.tables import cells, local_stamps, write_table
 from replay.simulated.events import WEEKDAYS, Habit, SquareWave, habitual, square_wave
 from replay.simulated.heating import Heated, Loads, Panel, simulate_heated
 from replay.simulated.simulate import dynamics, simulate
-from replay.simulated.weather import KONSTANZ, Weather, solar_time, weather
+from replay.simulated.weather import Weather, solar_time, weather
 
 _DATA = tomllib.loads(files(__package__).joinpath("ecolar.toml").read_text(encoding="utf-8"))
 ZONE = "Europe/Berlin"
@@ -70,11 +62,8 @@ class ZonePeriod(NamedTuple):
 
 
 def write_standin(path: Path, period: Period, seed: int = 2) -> Path:
-    """Write the stand-in for 3 May-1 Jun ("spring") or 3 Oct-20 Nov ("autumn") 2025 and return its path.
-
-    The layout has no room for a remark, so the name must say what the file is: ValueError unless it has "synthetic" in
-    it.
-    """
+    """Write the stand-in for 3 May-1 Jun ("spring") or 3 Oct-20 Nov ("autumn") 2025 and return its path; ValueError
+    unless its name says "synthetic", for which the layout has no room."""
     if "synthetic" not in path.name.lower():
         raise ValueError(f"{path.name}: a stand-in for a recording needs 'synthetic' in its name")
     first, last = PERIODS[period]
@@ -85,7 +74,7 @@ def simulate_period(start: int, end: int, seed: int) -> ZonePeriod:
     """Ecolar Home from UTC second `start` to before `end`; sun through the façade adds to what people bring."""
     times = np.arange(start, end, GRID_STEP)
     local = wall_clock(times, ZONE)
-    sky = weather(times, KONSTANZ, seed)
+    sky = weather(times, seed)
     adjacent = _adjacent_room(sky)
     rng = np.random.default_rng([seed, 0xEC0])
     network = PRESETS["ecolar-6r4c"]
@@ -107,27 +96,27 @@ def simulate_period(start: int, end: int, seed: int) -> ZonePeriod:
 
 def facade_aperture(times: Seconds) -> Array:
     """Effective solar aperture [m2] over the day."""
-    return np.interp(solar_time(times, KONSTANZ), _DATA["facade"]["hour"], _DATA["facade"]["aperture"])
+    return np.interp(solar_time(times), _DATA["facade"]["hour"], _DATA["facade"]["aperture"])
 
 
 def write_raw(path: Path, period: ZonePeriod, faults: Faults, seed: int) -> Path:
     """Write `period` as the building's logger would have: raw Ecolar layout, local times, powers in kW."""
     rng = np.random.default_rng([seed, 0x109])
     grid = period.times
-    times = row_times(int(grid[0]), int(grid[-1]) + GRID_STEP, (10, 60), rng)
+    times = raw_telemetry.row_times(int(grid[0]), int(grid[-1]) + GRID_STEP, (10, 60), rng)
     temperatures = [
-        measured(AIR_SENSOR, times, grid, period.air, rng),
-        measured(OUTDOOR_SENSOR, times, grid, period.outdoor, rng),
-        measured(AIR_SENSOR, times, grid, period.adjacent, rng),
+        raw_telemetry.measured(AIR_SENSOR, times, grid, period.air, rng),
+        raw_telemetry.measured(OUTDOOR_SENSOR, times, grid, period.outdoor, rng),
+        raw_telemetry.measured(AIR_SENSOR, times, grid, period.adjacent, rng),
     ]
     silent = int(rng.uniform(times[0], times[-1] - 3 * HOUR))
-    temperatures[2] = with_outage(temperatures[2], times, silent, 2 * HOUR)
-    kilowatts = switched(times, grid, period.heated.powers) / 1000.0
+    temperatures[2] = raw_telemetry.with_outage(temperatures[2], times, silent, 2 * HOUR)
+    kilowatts = raw_telemetry.switched(times, grid, period.heated.powers) / 1000.0
     kilowatts[:, :3] *= 1.0 + 0.004 * rng.standard_normal((len(times), 3))  # metered; the relays log their rating
-    rows = kept_rows(times, faults, ZONE, rng)
+    rows = raw_telemetry.kept_rows(times, faults, ZONE, rng)
     columns = [local_stamps(wall_clock(times, ZONE)[rows])]
-    columns += [cells(with_missing(values, faults.missing, rng)[rows], 1) for values in temperatures]
-    columns += [cells(with_missing(values, faults.missing, rng)[rows], 3) for values in kilowatts.T]
+    columns += [cells(raw_telemetry.with_missing(values, faults.missing, rng)[rows], 1) for values in temperatures]
+    columns += [cells(raw_telemetry.with_missing(values, faults.missing, rng)[rows], 3) for values in kilowatts.T]
     return write_table(path, dict(zip(COLUMNS, columns, strict=True)))
 
 

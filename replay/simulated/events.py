@@ -13,11 +13,8 @@ EVERY_DAY = (*WEEKDAYS, *WEEKEND)
 
 
 class SquareWave(NamedTuple):
-    """A flow of `amplitude` W that starts by chance and lasts a uniformly drawn time.
-
-    `start_probability` is per `per` seconds while the flow is off; durations, in s, are whole steps between `shortest`
-    and `longest`.
-    """
+    """A flow of `amplitude` W that starts by chance, with `start_probability` per `per` s while it is off, and lasts a
+    uniformly drawn time, whole steps between `shortest` and `longest` s."""
 
     amplitude: float
     start_probability: float
@@ -45,12 +42,9 @@ def square_wave(wave: SquareWave, samples: int, period: float, rng: np.random.Ge
 
 
 class Habit(NamedTuple):
-    """Something people do on some days: how often, when and how strongly.
-
-    On a day of `weekdays` (0 = Monday) it happens at all with probability `likelihood`, then a Poisson number of times
-    with mean `times_a_day`, beginning anywhere within the local `hours`, lasting a time in s and with a strength (W, or
-    W/K for an opening) drawn uniformly from the ranges. Nothing outlasts the end of `hours`.
-    """
+    """Something people do on `weekdays` (0 = Monday), with probability `likelihood` at all, then a Poisson number of
+    times with mean `times_a_day`, beginning anywhere within the local `hours` and ending in them, for a time in s and
+    with a strength (W, or W/K for an opening) drawn uniformly from the ranges."""
 
     weekdays: tuple[int, ...]
     hours: tuple[float, float]

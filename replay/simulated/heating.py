@@ -11,11 +11,8 @@ from replay.simulated.simulate import Dynamics
 
 
 class Panel(NamedTuple):
-    """An electric heater behind a relay with hysteresis.
-
-    It switches on below set-point - `offset` - `hysteresis` / 2 and off above set-point - `offset` + `hysteresis` / 2
-    (K), and only at every `cycle`-th step.
-    """
+    """An electric heater behind a relay, which switches on below set-point - `offset` - `hysteresis` / 2 and off above
+    set-point - `offset` + `hysteresis` / 2 (K), and only at every `cycle`-th step."""
 
     power: float
     offset: float
@@ -24,12 +21,9 @@ class Panel(NamedTuple):
 
 
 class Loads(NamedTuple):
-    """What acts on the zone at each of K steps, beside the measured inputs.
-
-    `set_point` (K,) in degC; `forced` (K, n_panels) switches a panel on whatever the thermostat says, up to `ceiling`
-    degC; `gain` (K,) in W and `opening` (K,) in W/K (air exchanged with outdoors) go into the first measured node;
-    `noise` (K, n_x) in K is added to the state after each step.
-    """
+    """What acts on the zone at each of K steps: `set_point` (K,) in degC; `forced` (K, n_panels) switches a panel on
+    whatever the thermostat says, up to `ceiling` degC; `gain` (K,) in W and `opening` (K,) in W/K (air exchanged with
+    outdoors) go into the first measured node; `noise` (K, n_x) in K is added to the state after each step."""
 
     set_point: Array
     forced: npt.NDArray[np.bool_]
@@ -50,11 +44,8 @@ class Heated(NamedTuple):
 def simulate_heated(
     network: Network, step: Dynamics, boundaries: Array, loads: Loads, panels: tuple[Panel, ...], *, x0: Array
 ) -> Heated:
-    """Simulate `network` (one heat input, u_heat in W) under thermostats.
-
-    Row k of `boundaries` (K, n_boundaries) and of `loads` holds over step k, as do the panels' powers and the exchange
-    through openings, which follow from the temperatures at its beginning.
-    """
+    """Simulate `network` (one heat input, u_heat in W) under thermostats. Row k of `boundaries` (K, n_boundaries) and
+    `loads` holds over step k, as do the powers and the exchange by the temperatures at its beginning."""
     samples, n_b = boundaries.shape
     air, outdoor = network.nodes.index(network.measured[0]), network.boundaries.index("T_out")
     heater, into_air = step.input[:, network.inputs.index("u_heat")], step.heat[:, air]

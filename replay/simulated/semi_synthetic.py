@@ -14,7 +14,7 @@ from replay.errors import WeatherFileError
 from replay.localtime import DAY, Seconds, midnight
 from replay.simulated.events import HEATER, UNMEASURED_GAIN, square_wave
 from replay.simulated.simulate import simulate
-from replay.simulated.weather import KONSTANZ, Weather, weather
+from replay.simulated.weather import Weather, weather
 
 PERIOD = 600
 PROCESS_NOISE_SD = 0.03
@@ -25,11 +25,8 @@ WEATHER_COLUMNS = ("timestamp_utc", "T_out_degC", "GHI_W_m2")
 
 
 class Truth(NamedTuple):
-    """What no estimator is told.
-
-    `states` (K, n_x) in degC; `unmeasured_gain` (K,) in W into the first measured node over [t_k, t_k + period);
-    `disturbance_dominated` (K,): whether the gain acted during the interval that ends at t_k.
-    """
+    """What no estimator is told: `states` (K, n_x) in degC; `unmeasured_gain` (K,) in W into the first measured node
+    over [t_k, t_k + period); `disturbance_dominated` (K,), whether it acted during the interval that ends at t_k."""
 
     states: Array
     unmeasured_gain: Array
@@ -45,11 +42,9 @@ class Recording(NamedTuple):
 
 
 def generate(weather_csv: Path | None, *, days: int | None = None, seed: int) -> Recording:
-    """Simulate building 67 over the weather of `weather_csv` (None: the built-in weather from 10 April 2024).
-
-    `days` keeps only the first days of the period. Each ingredient has its own random stream, so one seed gives one
-    heater sequence, one gain and one noise sequence whatever the weather. Raises WeatherFileError.
-    """
+    """Simulate building 67 over the weather of `weather_csv` (None: the built-in weather from 10 April 2024), or over
+    its first `days`. One seed gives one heater sequence, one gain and one noise sequence whatever the weather. Raises
+    WeatherFileError."""
     times, (outdoor, irradiance) = _weather(weather_csv, seed)
     if days is not None:
         keep = days * DAY // PERIOD
@@ -85,7 +80,7 @@ def _weather(path: Path | None, seed: int) -> tuple[Seconds, Weather]:
         return read_weather(path)
     times = midnight(2024, 4, 10, "UTC") + PERIOD * np.arange(FULL_DAYS * DAY // PERIOD)
     # Rounded as weather files are.
-    return times, Weather(*(np.round(values, 3) for values in weather(times, KONSTANZ, seed)))
+    return times, Weather(*(np.round(values, 3) for values in weather(times, seed)))
 
 
 def _utc(text: str) -> int:
@@ -95,10 +90,8 @@ def _utc(text: str) -> int:
 
 
 def read_weather(path: Path) -> tuple[Seconds, Weather]:
-    """Times and weather of a CSV file with columns timestamp_utc, T_out_degC and GHI_W_m2, one row every 600 s.
-
-    Raises WeatherFileError when the file is not that.
-    """
+    """Times and weather of a CSV file with columns timestamp_utc, T_out_degC and GHI_W_m2, one row every 600 s;
+    WeatherFileError for anything else."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [[row[name] for name in WEATHER_COLUMNS] for row in csv.DictReader(file)]

@@ -12,10 +12,8 @@ from estimator.network.network import Network
 
 
 class Dynamics(NamedTuple):
-    """x_(k+1) = transition x_k + input u_k + heat f_k over one period.
-
-    Shapes (n_x, n_x), (n_x, n_u) and (n_x, n_x); `heat` is in K per W into each node.
-    """
+    """x_(k+1) = transition x_k + input u_k + heat f_k over one period; shapes (n_x, n_x), (n_x, n_u) and (n_x, n_x),
+    `heat` in K per W into each node."""
 
     transition: Array
     input: Array
@@ -23,12 +21,9 @@ class Dynamics(NamedTuple):
 
 
 def dynamics(network: Network, theta: Mapping[str, float], period: float) -> Dynamics:
-    """Exact zero-order-hold dynamics (paper (5)-(6)) over `period` s.
-
-    `theta` maps parameter names to values; what it leaves out takes its nominal value. The matrix exponential of the
-    augmented matrix is deliberately not the discretisation that the estimators use: simulated data must not share
-    their mistakes.
-    """
+    """Exact zero-order-hold dynamics (paper (5)-(6)) over `period` s, with `theta` by name, nominal where left out. The
+    matrix exponential is deliberately not the discretisation of the estimators: simulated data must not share their
+    mistakes."""
     matrices = assemble(network, theta_vector(network, theta))
     capacitance, internal, inputs = matrices.capacitance[0], matrices.internal[0], matrices.inputs[0]
     n_x, n_u = inputs.shape
@@ -49,11 +44,9 @@ def simulate(
     unmeasured: Array | None = None,
     rng: np.random.Generator | None = None,
 ) -> Array:
-    """Temperatures (K, n_x) in degC; row k is the state at t_k, row 0 is `x0` (n_x,).
-
-    Row k of `inputs` (K, n_u), in the network's order and units, and of `unmeasured` (K, n_x), in W into each node,
-    hold over [t_k, t_k + period s). `process_noise_sd` is in K per node and step (paper (9)); it needs `rng`.
-    """
+    """Temperatures (K, n_x) in degC; row k is the state at t_k, row 0 is `x0` (n_x,). Row k of `inputs` (K, n_u), in
+    the network's order and units, and of `unmeasured` (K, n_x), in W into each node, hold over [t_k, t_k + period s).
+    `process_noise_sd` is in K per node and step (paper (9)); it needs `rng`."""
     step = dynamics(network, theta, period)
     drive = inputs @ step.input.T
     if unmeasured is not None:

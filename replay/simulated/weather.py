@@ -1,8 +1,5 @@
-"""Outdoor temperature and global horizontal irradiance out of a seed, for simulated periods without a weather file.
-
-Temperature: annual and diurnal cosine, the latter wider under a clear sky, plus AR(1) synoptic variation. Irradiance:
-the clear sky of `estimator.heat.sun` times a stochastic cloud index.
-"""
+"""Outdoor temperature, an annual and a diurnal cosine, the latter wider under a clear sky, and AR(1) variation, and
+global irradiance, a clear sky times a stochastic cloud index, out of a seed."""
 
 from itertools import accumulate
 from typing import NamedTuple
@@ -23,20 +20,9 @@ CLOUD_TIME = 0.4 * HOUR
 CLOUD_STEP = 300
 
 
-class Site(NamedTuple):
-    """Where the weather happens: degrees north and east, annual mean [degC] and amplitude [K] of the temperature."""
-
-    latitude: float
-    longitude: float
-    mean_temperature: float = 10.0
-    annual_amplitude: float = 9.5
-
-    @property
-    def location(self) -> Location:
-        return Location(self.latitude, self.longitude)
-
-
-KONSTANZ = Site(47.66, 9.18)
+KONSTANZ = Location(47.66, 9.18)
+"""Where the weather happens."""
+MEAN_TEMPERATURE, ANNUAL_AMPLITUDE = 10.0, 9.5  # degC and K
 
 
 class Weather(NamedTuple):
@@ -46,7 +32,7 @@ class Weather(NamedTuple):
     irradiance: Array
 
 
-def weather(times: npt.NDArray[np.int64], site: Site = KONSTANZ, seed: int = 0) -> Weather:
+def weather(times: npt.NDArray[np.int64], seed: int) -> Weather:
     """Weather at ascending UTC seconds `times` (K,); the same arguments always give the same numbers."""
     rng = np.random.default_rng([seed, 0x5EA7])
     synoptic = SYNOPTIC_SD * _noise(times, HOUR, SYNOPTIC_TIME, rng)
@@ -55,15 +41,15 @@ def weather(times: npt.NDArray[np.int64], site: Site = KONSTANZ, seed: int = 0) 
 
     clearness = expit(0.6 + 2.0 * front)
     season = -np.cos(2 * np.pi * (times / YEAR - 20 / 365.2425))  # coldest around 20 January
-    diurnal = (2.0 + 1.2 * season + 2.5 * clearness) * np.cos(2 * np.pi * (solar_time(times, site) - 15.0) / 24.0)
-    outdoor = site.mean_temperature + site.annual_amplitude * season + synoptic + diurnal
+    diurnal = (2.0 + 1.2 * season + 2.5 * clearness) * np.cos(2 * np.pi * (solar_time(times) - 15.0) / 24.0)
+    outdoor = MEAN_TEMPERATURE + ANNUAL_AMPLITUDE * season + synoptic + diurnal
     cloud_index = 0.15 + 0.85 * expit(0.6 + 2.0 * front + 0.9 * clouds)
-    return Weather(outdoor, clear_sky(sun(times[:, None].astype(np.float64), site.location)) * cloud_index)
+    return Weather(outdoor, clear_sky(sun(times[:, None].astype(np.float64), KONSTANZ)) * cloud_index)
 
 
-def solar_time(times: npt.NDArray[np.int64], site: Site = KONSTANZ) -> Array:
+def solar_time(times: npt.NDArray[np.int64]) -> Array:
     """Apparent solar time in h, 12 when the sun is highest."""
-    position, latitude = sun(times.astype(np.float64), site.location), np.radians(site.latitude)
+    position, latitude = sun(times.astype(np.float64), KONSTANZ), np.radians(KONSTANZ.latitude)
     southward = position.up * np.cos(latitude) - position.north * np.sin(latitude)
     return np.asarray(12.0 - 12.0 / np.pi * np.arctan2(position.east, southward))
 

@@ -1,8 +1,6 @@
 """The plant on BACnet/IP: every device a server of bacpypes3 with a loopback address of its own, all on one port.
-
-Values are those of the moment they are asked for. Analogue and binary objects offer subscriptions, counters do not.
-Only `replay.bms.serving` imports this module, and only where BACnet is asked for.
-"""
+Analogue and binary objects offer subscriptions, counters do not. Only `replay.bms.serving` imports this module, where
+BACnet is asked for."""
 
 from __future__ import annotations
 

@@ -90,10 +90,8 @@ def design(rooms: int, seed: int) -> Building:
 
 
 def whole_network(building: Building) -> tuple[Network, dict[str, float]]:
-    """The network of the whole building and its true theta.
-
-    States are the NODES of the first room, then of the second, ...; inputs are T_out, then every room's heater [W].
-    """
+    """The network of the whole building and its true theta. States are the NODES of room after room; inputs are T_out,
+    then every room's heater [W]."""
     capacitances: dict[str, str] = {}
     conductances: list[Conductance] = []
     heat: list[HeatInput] = []

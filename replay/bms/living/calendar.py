@@ -1,8 +1,5 @@
-"""Weather and the people's habits on a simulated time axis without end.
-
-The weather is a table of 52 weeks that begins again; the habits of a week are drawn when that week begins. Both follow
-from the seed alone.
-"""
+"""Weather, a table of 52 weeks that begins again, and people's habits, drawn week by week: both follow from the
+seed."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -12,7 +9,7 @@ import numpy as np
 from estimator.arrays import Array
 from replay.localtime import DAY, HOUR, midnight, wall_clock
 from replay.simulated.events import EVERY_DAY, WEEKDAYS, WEEKEND, Habit, habitual
-from replay.simulated.weather import KONSTANZ, weather
+from replay.simulated.weather import weather
 
 ZONE = "Europe/Berlin"
 FIRST_MIDNIGHT = midnight(2025, 1, 13, ZONE)
@@ -48,7 +45,7 @@ class Calendar:
 
     def __init__(self, rooms: int, seed: int) -> None:
         self._rooms, self._seed = rooms, seed
-        self._sky = weather(np.arange(FIRST_MIDNIGHT, FIRST_MIDNIGHT + _CYCLE, _WEATHER_STEP), KONSTANZ, seed)
+        self._sky = weather(np.arange(FIRST_MIDNIGHT, FIRST_MIDNIGHT + _CYCLE, _WEATHER_STEP), seed)
         self._week = lru_cache(maxsize=2)(self._draw_week)
 
     def at(self, time: float) -> Moment:

@@ -39,10 +39,8 @@ class Relay:
 
 @dataclass(frozen=True)
 class PiValve:
-    """A valve that lets 0 to `power` W pass: `gain` in W/K, `integral_time` in s; memory: the integral part in W.
-
-    The integral stands still where the valve is at its end and the error would drive it further (anti-windup).
-    """
+    """A valve that lets 0 to `power` W pass: `gain` in W/K, `integral_time` in s; memory: the integral part in W, which
+    stands still where the valve is at its end and the error would drive it further (anti-windup)."""
 
     power: float
     gain: float

@@ -23,12 +23,9 @@ SENSOR_NOISE_SD = 0.03  # K
 
 
 class Snapshot(NamedTuple):
-    """The building between two steps. Arrays are per room (N,).
-
-    `time` is in simulated UTC seconds, temperatures in degC, `power`, `gain` (people, sun and windows, all of it
-    unmeasured but for the sun's irradiance) in W, `energy` in J since the beginning, `opening` in W/K. `noise` (N + 1,)
-    in K is what the sensors add: one of every room, then the outdoor one.
-    """
+    """The building between two steps, per room (N,): `time` in simulated UTC s, temperatures in degC, `power` and
+    `gain` (people, sun and windows) in W, `energy` in J since the beginning, `opening` in W/K. `noise` (N + 1,) [K] is
+    what the sensors add, one of every room, then the outdoor one."""
 
     time: float
     air: Array

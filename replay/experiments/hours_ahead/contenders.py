@@ -12,8 +12,7 @@ from replay.experiments.hours_ahead.forecasts import PERSISTENCE, YESTERDAY, Pla
 from replay.experiments.hours_ahead.recordings import Recording
 from replay.experiments.hours_ahead.runs import run_hours
 from replay.experiments.jobs import Job
-from replay.experiments.request import Request
-from replay.experiments.series.chosen import chosen
+from replay.experiments.request import Request, chosen
 from replay.experiments.series.filtering import FilterRun
 from replay.experiments.study import Contender
 
@@ -32,10 +31,8 @@ def seeded(contender: Contender) -> bool:
 
 
 def contenders(request: Request) -> list[Contender]:
-    """Those of --contender, or the usual ones and what the zone of --config has been given; with --particles if given.
-
-    A zone that leaves its estimator at the defaults adds none: it would be another name for the same.
-    """
+    """Those of --contender, or the usual ones and what the zone of --config has been given, unless it is the default,
+    with --particles if given."""
     if request.contender:
         found = [named(text) for text in request.contender]
         if any(contender.estimator == BOOSTING for contender in found):
@@ -69,10 +66,8 @@ def named(text: str, place: str = "--contender") -> Contender:
 
 
 def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) -> Iterator[Job]:
-    """The runs of `contender` on `recording`, one for each seed that it makes a difference to.
-
-    Raises OptionsError where the estimator refuses its options.
-    """
+    """The runs of `contender` on `recording`, one for each seed that it makes a difference to; OptionsError for its
+    options."""
     leads, series, period = tuple(leads_of(recording.period).values()), recording.series, recording.period
     if contender.estimator in (*NAIVE, *DIRECT):
         work = run_naive if contender.estimator in NAIVE else run_direct

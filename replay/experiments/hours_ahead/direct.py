@@ -60,10 +60,8 @@ def run_direct(run: PlainRun) -> Arrays:
 
 
 def regressors(series: Series, period: float, origin: Array, lead: int, blind: bool) -> Array:
-    """(n, F) for forecasts `lead` steps ahead after the rows `origin` (n,); without inputs to come if `blind`.
-
-    The grid is that of the rows: across a gap, what stood before it counts as what was just before.
-    """
+    """(n, F) for forecasts `lead` steps ahead after the rows `origin` (n,); without inputs to come if `blind`. Across a
+    gap, what stood before it counts as what was just before."""
     y = last_measured(series.outputs[:, 0])
     summed = np.concatenate([np.zeros((1, series.inputs.shape[1])), np.cumsum(series.inputs, axis=0)])
 

@@ -8,21 +8,12 @@ import tomli_w
 
 from estimator import registry
 from replay.errors import ReplayError
-from replay.experiments.hours_ahead import figures
+from replay.experiments.hours_ahead import figures, forecasts
 from replay.experiments.hours_ahead.answered import ANSWERED, LIVE, SCHEDULED, WEATHER
 from replay.experiments.hours_ahead.contenders import BANK, contenders, jobs_of
 from replay.experiments.hours_ahead.direct import BLIND
 from replay.experiments.hours_ahead.figures import COVERAGE, CRPS, GAIN, LARGEST, LEARNED, LOSS, RMSE, SCORES, key
-from replay.experiments.hours_ahead.forecasts import (
-    AHEAD,
-    EVERY,
-    FIRST_DAYS,
-    LATER,
-    PERSISTENCE,
-    WINDOWS,
-    YESTERDAY,
-    leads_of,
-)
+from replay.experiments.hours_ahead.forecasts import FIRST_DAYS, LATER, PERSISTENCE, leads_of
 from replay.experiments.hours_ahead.recordings import Recording, recordings
 from replay.experiments.hours_ahead.runs import SAMPLES
 from replay.experiments.request import Request
@@ -110,7 +101,7 @@ def _report(
             listed="; ".join(listed),
             seeds=", ".join(map(str, seeds)),
             particles="" if request.particles is None else f"RBPF with {request.particles:,} particles.",
-            every=EVERY // HOUR,
+            every=forecasts.EVERY // HOUR,
             minutes=sum(map(sum, taken)) / 60,
             thinned=SAMPLES,
         ),
@@ -144,7 +135,7 @@ def _of_answers(results: Results, known: Mapping[str, Recording]) -> Iterator[Ve
     without a model."""
     for name, recording in known.items():
         for label in (one for one in results.contenders if one in ANSWERED):
-            for horizon in [one for one in AHEAD if one in leads_of(recording.period)]:
+            for horizon in [one for one in forecasts.AHEAD if one in leads_of(recording.period)]:
                 coverage = results.values(name, label, key(COVERAGE, horizon))
                 yield between(*ANSWERS_COVERED).judge(f"{name}, {horizon}: coverage of '{label}'", coverage)
         for horizon, limit in NEAR.items():
@@ -152,7 +143,7 @@ def _of_answers(results: Results, known: Mapping[str, Recording]) -> Iterator[Ve
                 yield at_most(limit).judge(f"{name}, {horizon}: RMSE of '{SCHEDULED + WEATHER}', K", near)
         for horizon in ("24 h",) if recording.measured else ("6 h", "24 h"):
             own = results.values(name, LIVE, key(CRPS, horizon))
-            rivals = (PERSISTENCE, YESTERDAY, BLIND) if recording.measured else (PERSISTENCE, YESTERDAY)
+            rivals = (PERSISTENCE, forecasts.YESTERDAY, *((BLIND,) if recording.measured else ()))
             others = _means(results, name, key(CRPS, horizon), [one for one in rivals if one in results.contenders])
             if own and others:
                 best, limit = min(others, key=others.__getitem__), OVER_RIVAL[recording.measured]
@@ -160,10 +151,9 @@ def _of_answers(results: Results, known: Mapping[str, Recording]) -> Iterator[Ve
                 yield at_most(limit).judge(text, [value / others[best] for value in own])
 
 
-def _of_bank(results: Results, known: Mapping[str, Recording]) -> list[Verdict]:
+def _of_bank(results: Results, known: Mapping[str, Recording]) -> Iterator[Verdict]:
     if BANK not in results.contenders:
-        return []
-    found: list[Verdict] = []
+        return
     ratios: dict[str, list[float]] = {"6 h": [], "24 h": []}
     for name, recording in known.items():
         for horizon in leads_of(recording.period):
@@ -174,17 +164,17 @@ def _of_bank(results: Results, known: Mapping[str, Recording]) -> list[Verdict]:
                 best = min(others, key=others.__getitem__)
                 ratios.setdefault(horizon, []).append(float(np.mean(own)) / others[best])
                 text = f"{name}, {horizon}: CRPS of the bank over that of the best other forecast, {best}"
-                found.append(at_most(OVER_BEST).judge(text, [value / others[best] for value in own]))
+                yield at_most(OVER_BEST).judge(text, [value / others[best] for value in own])
                 coverage = results.values(name, BANK, key(COVERAGE, horizon))
-                found.append(between(*COVERED).judge(f"{name}, {horizon}: coverage of the bank", coverage))
+                yield between(*COVERED).judge(f"{name}, {horizon}: coverage of the bank", coverage)
     for horizon in ("6 h", "24 h"):
         text = f"{horizon}: CRPS of the bank over that of the best other forecast, geometric mean over recordings"
-        found.append(at_most(ON_AVERAGE).judge(text, _geometric(ratios[horizon])))
+        yield at_most(ON_AVERAGE).judge(text, _geometric(ratios[horizon]))
     for horizon, limit in FIRST.items():
         text = f"first three days, {horizon}: CRPS of the bank over that of persistence, geometric mean over recordings"
         early = [_means(results, name, key(CRPS, horizon, FIRST_DAYS), [BANK, PERSISTENCE]) for name in known]
         each = [crps[BANK] / crps[PERSISTENCE] for crps in early if len(crps) == 2]
-        found.append(at_most(limit).judge(text, _geometric(each)))
+        yield at_most(limit).judge(text, _geometric(each))
     for name in known:
         for figure, said, wanted in (
             (key(LARGEST, "6 h", FIRST_DAYS), "first three days: largest error 6 h ahead, K", at_most(FARTHEST)),
@@ -193,8 +183,7 @@ def _of_bank(results: Results, known: Mapping[str, Recording]) -> list[Verdict]:
         ):
             if values := results.values(name, BANK, figure):
                 separator = ", " if figure not in (LOSS, GAIN) else ": "
-                found.append(wanted.judge(f"{name}{separator}{said}", values))
-    return found
+                yield wanted.judge(f"{name}{separator}{said}", values)
 
 
 def _means(results: Results, recording: str, figure: str, labels: Sequence[str]) -> dict[str, float]:
@@ -269,7 +258,7 @@ def _settings(
 def _in_full(results: Results, known: Mapping[str, Recording]) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for name, recording in known.items():
-        for window in WINDOWS:
+        for window in forecasts.WINDOWS:
             for horizon in leads_of(recording.period):
                 for label in results.contenders:
                     cells = [results.spread(name, label, key(score, horizon, window)) for score in SCORES]

@@ -63,21 +63,15 @@ def _scores(y: Array, forecasts: Forecasts, place: int, window: Window) -> Itera
 
 
 def learned(known: Known, times: Seconds, arrays: Arrays) -> Figures:
-    """What a run with `arrays` (see `run_hours`) over samples at `times` (K,) knew after LEARNING of what is `known`.
-
-    The error of the gain is its rms over the rms of the true gain. What was not known, or is longer than the recording,
-    is left out.
-    """
+    """What a run with `arrays` (see `run_hours`) over samples at `times` (K,) knew after LEARNING of what is `known`,
+    as far as that goes. The error of the gain is its rms over the rms of the true gain."""
     since = times - times[0]
     later = since >= LEARNING
     gain, truth = arrays["gain"][later], known.gain[later]
     lower, middle, upper = gain.T
     reached = arrays["heat_loss"][since[arrays["heat_loss_rows"]] >= LEARNING]
-    found = {
-        LOSS: float(reached[0]) / known.heat_loss if len(reached) else np.nan,
-        GAIN: float(np.sqrt(np.mean((middle - truth) ** 2) / np.mean(truth**2))) if len(middle) else np.nan,
-        GAIN_COVERAGE: float(((lower <= truth) & (truth <= upper)).mean())
-        if later.any() and np.isfinite(middle).all()
-        else np.nan,
-    }
-    return {name: value for name, value in found.items() if np.isfinite(value)}
+    found = {LOSS: float(reached[0]) / known.heat_loss} if len(reached) else {}
+    if len(middle) and np.isfinite(middle).all():
+        found[GAIN] = float(np.sqrt(np.mean((middle - truth) ** 2) / np.mean(truth**2)))
+        found[GAIN_COVERAGE] = float(((lower <= truth) & (truth <= upper)).mean())
+    return found

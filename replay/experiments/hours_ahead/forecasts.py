@@ -53,11 +53,8 @@ WIDE = 1.959963984540054
 
 
 class Forecasts(NamedTuple):
-    """What was forecast of the first output at K rows, H horizons ahead: (K, H), degC and K; NaN where nothing was.
-
-    `lower` and `upper` are the bounds of the 95 % interval; a point forecast has none, and its absolute error is its
-    CRPS.
-    """
+    """What was forecast of the first output at K rows, H horizons ahead: (K, H), degC and K; NaN where nothing was. A
+    point forecast has no bounds of the 95 % interval, and its absolute error as CRPS."""
 
     mean: Array
     lower: Array
@@ -80,11 +77,8 @@ def no_forecasts(rows: int, horizons: int) -> Forecasts:
 
 
 def run_naive(run: PlainRun) -> Arrays:
-    """The arrays of `Forecasts`: that nothing changes, or that the next day is like the last.
-
-    Where nothing was measured at the time in question, the last value measured before it stands in. Yesterday stands
-    back behind persistence where the recording does not reach that far.
-    """
+    """The arrays of `Forecasts`: that nothing changes, or that the next day is like the last, as far as the recording
+    reaches. For a missing value stands the last one measured before."""
     series, y = run.series, run.series.outputs[:, 0]
     last, rows = last_measured(y), np.arange(len(y))
     day_before = np.searchsorted(series.times, series.times - DAY)

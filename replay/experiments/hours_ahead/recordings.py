@@ -8,8 +8,7 @@ from estimator.arrays import Array
 from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.experiments.catalogue import laboratory
-from replay.experiments.request import Request
-from replay.experiments.series.chosen import chosen
+from replay.experiments.request import Request, chosen
 from replay.experiments.series.filtering import Series
 from replay.experiments.series.recorded_zone import ZoneRecord, bridged, read_zone
 from replay.localtime import DAY

@@ -22,8 +22,7 @@ _LEVELS = np.array([0.025, 0.5, 0.975])
 def run_hours(run: FilterRun) -> Arrays:
     """The arrays of `Forecasts` (K, H) at the leads of `run`, and of what is learned the .025, .5 and .975 quantiles
     `gain` (K, 3) [W]; `heat_loss` (D,) of the median parameters to the first boundary [W/K], once a day at
-    `heat_loss_rows` (D,); `seconds` ().
-    """
+    `heat_loss_rows` (D,); `seconds` ()."""
     began = time.perf_counter()
     estimator, known, _ = built(run)
     series, rows = run.series, len(run.series.times)

@@ -27,12 +27,9 @@ TAILS = np.array([0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
 
 
 class Series(NamedTuple):
-    """Samples one period apart: UTC s (K,), outputs (K, n_y) and inputs (K, n_u) in the network's order.
-
-    Inputs are complete. `starts` (K,) marks the samples that begin a segment, the first and each one after a gap; every
-    segment begins with a measured output. Later ones may be NaN, where nothing was measured. `setpoints` (K,) [degC]
-    are NaN where nobody says; None where nobody ever does.
-    """
+    """Samples one period apart: UTC s (K,), outputs (K, n_y), NaN where nothing was measured, and complete inputs (K,
+    n_u) in the network's order. `starts` (K,) marks those that begin a segment, with a measured output. `setpoints`
+    (K,) [degC] are NaN where nobody says; None where nobody ever does."""
 
     times: Seconds
     outputs: Array
@@ -47,10 +44,8 @@ class Series(NamedTuple):
 
 
 class FilterRun(NamedTuple):
-    """What a run of an estimator depends on; `period` in s, `options` as in the configuration.
-
-    The estimator "floor" takes the keyword arguments of `estimator.gaussian.floor.floor` instead.
-    """
+    """What a run of an estimator depends on; `period` in s, `options` as in the configuration, of the estimator "floor"
+    the keyword arguments of `estimator.gaussian.floor.floor`."""
 
     estimator: str
     options: Mapping[str, object]
@@ -67,11 +62,9 @@ class FilterRun(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """What an estimator said of its first output along K samples, degC and K; NaN where it said nothing.
-
-    `mean`, `lower` and `upper` are `one_step`: formed before y_k was seen. The `filtered_...` ones are of the
-    measured state after y_k, without measurement noise; see `run_filter`.
-    """
+    """What an estimator said of its first output along K samples, degC and K; NaN where it said nothing. `mean`,
+    `lower` and `upper` were formed before y_k was seen; the `filtered_...` ones are of the state after it
+    (`run_filter`)."""
 
     mean: Array
     lower: Array
@@ -141,12 +134,8 @@ def steps(
 
 
 def run_filter(run: FilterRun) -> Arrays:
-    """The arrays of a `Trace`.
-
-    The `filtered` convention leaves out the noise `measurement_sd` where it is a number [K], and the posterior's median
-    of it where it is learned. An estimator without such an option (an ARX model, a bank, whose members differ) has no
-    `filtered` rows.
-    """
+    """The arrays of a `Trace`. The `filtered` convention leaves out the noise `measurement_sd`, a number [K] or the
+    posterior's median where it is learned; an estimator without that option (an ARX model, a bank) has no such rows."""
     estimator, known, measurement_sd = built(run)
     kept = _blank(len(run.series.times), len(estimator.network.parameters))
     began = time.perf_counter()

@@ -14,12 +14,9 @@ STATE_NOISE_SD, MEASUREMENT_SD = 0.03, 0.1
 
 
 def follow(network: Network, theta: Array, period: float, outputs: Array, inputs: Array) -> Array:
-    """States (K, n_x) [degC] after each of K `outputs` (K, n_y) under `inputs` (K, n_u), by a steady-state Kalman
-    filter with `theta` (n_theta,).
-
-    Windows of open-loop simulation start from them (paper 4.3.3: "re-initialised at the first sample", which leaves the
-    hidden nodes open). A missing output corrects nothing; the first one is there.
-    """
+    """States (K, n_x) [degC] after each of K `outputs` (K, n_y), the first of which is there, under `inputs` (K, n_u),
+    by a steady-state Kalman filter with `theta` (n_theta,). Windows of open-loop simulation start from them (paper
+    4.3.3: "re-initialised at the first sample", which leaves the hidden nodes open)."""
     model, places = discretise(assemble(network, theta[:, None]), period), topology(network).measured
     transition, into = model.transition[0], model.input[0]
     observed, noise = np.eye(len(transition))[places], MEASUREMENT_SD**2 * np.eye(outputs.shape[1])

@@ -22,11 +22,8 @@ from service.records.sample import Sample
 
 
 class ZoneRecord(NamedTuple):
-    """Samples of a zone: UTC s (K,), ascending multiples of `period` s, and by channel its values (K,).
-
-    A value is NaN where the interval had no usable reading; inputs have kept their last one as long as the zone holds
-    it. Set-points, where anybody says, are among the columns as SET_POINTS.
-    """
+    """Samples of a zone: UTC s (K,), ascending multiples of `period` s, and by channel its values (K,), NaN where the
+    interval had no usable reading and no input was held. Set-points, where anybody says, are the column SET_POINTS."""
 
     times: Seconds
     period: int
@@ -60,10 +57,8 @@ def read_zone(config: Config, table: ZoneConfig) -> ZoneRecord:
 
 
 def live_zone(state_dir: Path, table: ZoneConfig) -> ZoneRecord:
-    """The samples that a daemon on `state_dir` has accepted for the zone `table`, also while it runs.
-
-    ServiceError or ReplayError where they cannot be read.
-    """
+    """The samples that a daemon on `state_dir` has accepted for the zone `table`; ServiceError or ReplayError without
+    any."""
     samples = stored_samples(state_dir, table)
     if not samples:
         raise ReplayError(f"zone '{table.id}': the daemon on {state_dir} has no sample of it; give it telemetry first")
@@ -88,10 +83,8 @@ def record_of(samples: Sequence[Sample], table: ZoneConfig) -> ZoneRecord:
 
 
 def bridged(record: ZoneRecord, network: Network, max_gap: int) -> Series:
-    """`record` as the daemon would take it: up to `max_gap` intervals without a measurement are bridged.
-
-    A longer gap, or an input that nobody holds any longer, ends a segment; the next measurement begins another.
-    """
+    """`record` as the daemon would take it: up to `max_gap` intervals without a measurement are bridged; a longer gap,
+    or an input that nobody holds any longer, ends a segment, and the next measurement begins another."""
     outputs, inputs = record.matrix(network.measured), record.matrix(network.inputs)
     measured = np.asarray(np.isfinite(outputs).any(axis=1))
     usable = np.asarray(np.isfinite(inputs).all(axis=1))

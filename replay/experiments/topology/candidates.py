@@ -57,11 +57,9 @@ def ecolar_candidates(irradiance: bool) -> list[Candidate]:
 
 
 def candidates_for(own: Network) -> list[Candidate]:
-    """`own`, and M1-M8 as far as its channels allow, each without and, where there is irradiance, with it.
-
-    They describe the first measured node. Boundaries but the outdoor one are adjacent rooms, the first heat input in W
-    is the heater, the others enter the air with their own gain. What would be the same network appears once.
-    """
+    """`own`, and M1-M8 as far as its channels allow, each without and, where there is irradiance, with it, of the first
+    measured node. Boundaries but the outdoor one are adjacent rooms, the first heat input in W is the heater, the
+    others enter the air with their own gain. What would be the same network appears once."""
     suns = [channel for channel in own.heat_channels if own.channel_unit(channel) == IRRADIANCE]
     found = [Candidate(OWN, without_sun(own), False)]
     if suns:

@@ -5,8 +5,7 @@ from typing import NamedTuple
 from adapters.csv.config import CsvConfig
 from replay.errors import ReplayError
 from replay.experiments.catalogue import laboratory
-from replay.experiments.request import Request
-from replay.experiments.series.chosen import chosen
+from replay.experiments.request import Request, chosen
 from replay.experiments.series.recorded_zone import ZoneRecord, live_zone, pieces, read_zone
 from replay.experiments.topology.candidates import Candidate, candidates_for
 from replay.experiments.topology.fit import SHORTEST

@@ -52,11 +52,9 @@ class TopologyRun(NamedTuple):
 
 
 def fit(run: TopologyRun) -> Arrays:
-    """Fit to the whole, then to the known part alone, whose parameters are tried on the rest: arrays `theta`
-    (n_theta,), `initial_states` (n_pieces, n_x), `at_bound` (n_theta,) and `held_out_rmse`.
-
-    On the rest only the temperatures of the hidden nodes at the beginning are fitted: nobody could know them.
-    """
+    """Fit to the whole, then to the known part alone, whose parameters are tried on the rest, where only the
+    temperatures of hidden nodes at the beginning are fitted: arrays `theta` (n_theta,), `initial_states` (n_pieces,
+    n_x), `at_bound` (n_theta,) and `held_out_rmse`."""
     best = fit_open_loop(run.network, run.period, run.whole, starts=run.starts)
     held_out = np.nan
     if run.known and run.rest:
@@ -94,10 +92,8 @@ def split(record: ZoneRecord, windows: Sequence[Window], output: str) -> tuple[l
 def figures(
     network: Network, record: ZoneRecord, windows: Sequence[Window], found: Arrays, time_zone: str
 ) -> dict[str, float]:
-    """The figures of Table 3 for the first measured node, and those of every parameter.
-
-    NaN where the recording has no such window or no held-out rest.
-    """
+    """The figures of Table 3 for the first measured node, NaN where there is no such window or rest, and of every
+    parameter."""
     grid = np.full(int((record.times[-1] - record.times[0]) // record.period) + 1, np.nan)
     restarted: dict[str, list[float]] = {NIGHTS: [], DAYS: []}
     for (begin, end), start in zip(windows, found["initial_states"], strict=True):

@@ -42,12 +42,9 @@ class Fitted(NamedTuple):
 
 
 def rank(entries: Sequence[Fitted]) -> list[Fitted]:
-    """`entries` with their losses, the one to take first, the others by loss.
-
-    The criteria are train RMSE, night MAE and held-out RMSE, as far as there are any; their average rather than their
-    worst, for a held-out part of a few days is a matter of luck. To be taken, a candidate must be
-    within COMPARABLE of the smallest loss; among those it is the simplest.
-    """
+    """`entries` with their losses, the one to take first, the others by loss: the mean of train RMSE, night MAE and
+    held-out RMSE, as far as there are any, not the worst, for a held-out part of a few days is a matter of luck. Taken
+    is the simplest candidate within COMPARABLE of the smallest loss."""
     table = np.array([[entry.found[name] for name in (TRAIN, NIGHTLY, HELD_OUT)] for entry in entries])
     table = np.maximum(table[:, np.isfinite(table).all(axis=0)], 1e-6)
     losses = np.exp(np.log(table / table.min(axis=0)).mean(axis=1)) - 1.0

@@ -56,10 +56,8 @@ def _around(parameter: Parameter, value: float) -> Parameter:
 
 
 def network_toml(network: Network, reason: str, place: Place | None) -> str:
-    """The [zones.network] table of `network`, under a comment that says why and where it goes.
-
-    The configuration at `place` has been loaded with it; what else in the zone would have to change is said.
-    """
+    """The [zones.network] table of `network`, under a comment that says why and where it goes, and, tried in the
+    configuration at `place`, what else in the zone would have to change."""
     table = network_table(network)
     lines = [f"# {reason}"]
     if place is not None:

@@ -1,9 +1,5 @@
 """`first-days`: what a new room forecasts on its first days, alone, with what somebody knows of the building, beside
-rooms that have learned, and with a history of its own.
-
-Rooms and what is known of them are in `first_days.toml`. Every contender forecasts the same days, which begin HISTORY
-after the recording does.
-"""
+rooms that have learned, and with a history of its own, the HISTORY days before those that are forecast."""
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,9 +1,6 @@
-"""`lies`: how soon telemetry that lies is found, by which name, and how often the truth is taken for a lie.
-
-Rooms of EnergyPlus with people, whose rows lie for four days after ten true ones. Nothing is estimated: what is found
-hangs on the telemetry alone. Only what remains of a lie is asked of a bank: its forecasts on the second day after the
-end, beside those of the same room without the lie.
-"""
+"""`lies`: how soon telemetry that lies is found, by which name, and how often the truth is taken for a lie. Rooms of
+EnergyPlus with people lie for four days after ten true ones. A bank is asked only for what remains of a lie: its
+forecasts on the second day after, beside those of the same room without the lie."""
 
 from collections.abc import Callable, Mapping
 from datetime import date

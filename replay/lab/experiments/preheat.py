@@ -1,8 +1,5 @@
-"""`preheat`: is a room warm in time, and not much too early, when the heating starts as Thermogate says?
-
-Buildings of EnergyPlus under relays. After two weeks each room is asked at midnight for the latest start that is in
-time with probability PROBABILITY, and the building then lives with that start.
-"""
+"""`preheat`: is a room warm in time, and not much too early, when the heating starts as Thermogate says? Buildings of
+EnergyPlus under relays live, after two weeks, with the latest start that each room is told at midnight."""
 
 from contextlib import suppress
 from typing import NamedTuple

@@ -1,7 +1,5 @@
-"""The recordings that forecasts are compared on, each with a network that a user would take.
-
-A new one is a function from the folder of --data to a `Recording`, and one line in `RECORDINGS`.
-"""
+"""The recordings that forecasts are compared on, each with a network that a user would take; a line in RECORDINGS
+each."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -54,11 +52,8 @@ EnergyPlusMissing where that is EnergyPlus."""
 
 
 def at_hand(folder: Path | None, names: Sequence[str]) -> list[Recording]:
-    """Every recording of RECORDINGS, or those of `names`, whose data are there, some of them in `folder`.
-
-    One sentence in the log says what EnergyPlus would add. Raises ReplayError where `folder` holds no recording, and
-    where one of `names` is not there.
-    """
+    """Every recording of RECORDINGS, or those of `names`, whose data are there, some of them in `folder`; the log says
+    what EnergyPlus would add. ReplayError where `folder` holds no recording, or one of `names` is not there."""
     rooms.check_folder(folder, FILES)
     unknown = [name for name in names if name not in RECORDINGS]
     if unknown:

@@ -74,10 +74,8 @@ def study(
 
 
 def report(name: str, results: Results, figures: Sequence[str], told: Mapping[str, str], **given: object) -> Report:
-    """The report of the experiment `name`: a table of `figures`, and its document, which is `given` values.
-
-    The Lead of every building is given the means of the figures that `told` names as well.
-    """
+    """The report of the experiment `name`: a table of `figures`, and its document, which is `given` values, and in the
+    Lead of every building the means of the figures that `told` names."""
     document, lead = Document(__package__, f"{name}.md"), list[str]()
     for building in results.recordings:
         means = {value: results.mean(building, "bank", figure) for value, figure in told.items()}

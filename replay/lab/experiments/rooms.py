@@ -1,7 +1,4 @@
-"""Measured rooms that anybody can have, as CSV files: read where they lie, for they belong to others.
-
-`rooms.toml` has them as data; docs/benchmark.md says what their columns are.
-"""
+"""Measured rooms, whose CSV files belong to others: `rooms.toml` and docs/benchmark.md say where and what they are."""
 
 import csv
 import tomllib

@@ -5,18 +5,8 @@ from collections.abc import Mapping
 from replay.experiments.request import Request
 from replay.experiments.study import Contender, Results, Study
 from replay.lab.experiments.published import PUBLISHED
-from replay.lab.experiments.semi_synthetic.building import (
-    AUC,
-    DOMINATED,
-    FILTERED,
-    HELD,
-    INDEX,
-    NOISE,
-    ONE_STEP,
-    Ready,
-    key,
-    study,
-)
+from replay.lab.experiments.semi_synthetic import building
+from replay.lab.experiments.semi_synthetic.building import FILTERED, ONE_STEP, Ready, key
 from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
 from replay.reports.kit.table import Table
@@ -28,12 +18,12 @@ WINKLER = key(ONE_STEP, "Winkler, K")
 COLUMNS = {
     "open-loop RMSE, K": "open loop, median",
     "one_step coverage": key(ONE_STEP, "coverage"),
-    "one_step coverage, disturbed": key(ONE_STEP, "coverage", DOMINATED),
+    "one_step coverage, disturbed": key(ONE_STEP, "coverage", building.DOMINATED),
     "one_step Winkler, K": WINKLER,
     "filtered coverage": key(FILTERED, "coverage"),
-    "filtered coverage, disturbed": key(FILTERED, "coverage", DOMINATED),
+    "filtered coverage, disturbed": key(FILTERED, "coverage", building.DOMINATED),
     "filtered width, K": key(FILTERED, "width, K"),
-    **{name: name for name in (INDEX, AUC, "ms per sample")},
+    **{name: name for name in (building.INDEX, building.AUC, "ms per sample")},
 }
 
 
@@ -55,17 +45,17 @@ def changes(particles: int) -> dict[str, Mapping[str, object]]:
 def prepare(request: Request) -> Study:
     """The experiment for `request`; ReplayError where it cannot be made."""
     particles = request.particles or PARTICLES
-    usual: Mapping[str, object] = {"particles": particles, **NOISE}
+    usual: Mapping[str, object] = {"particles": particles, **building.NOISE}
 
     bases: dict[str, tuple[Mapping[str, object], tuple[str, ...]]] = {
         "default": (usual, ()),
-        "paper, 6 free": ({"preset": "paper", **usual}, HELD),
+        "paper, 6 free": ({"preset": "paper", **usual}, building.HELD),
     }
     entered = {
         base: [Contender(label, "rbpf", {**options, **change}, held) for label, change in changes(particles).items()]
         for base, (options, held) in bases.items()
     }
-    return study(request, SEEDS, entered, _report)
+    return building.study(request, SEEDS, entered, _report)
 
 
 def _report(results: Results, ready: Ready) -> Report:

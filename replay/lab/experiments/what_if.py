@@ -1,9 +1,6 @@
-"""`what-if`: is a day's heat as it was told, and would another plan have saved what was told?
-
-Buildings of EnergyPlus under relays. After two weeks one room in turn is asked at midnight how much heat it takes in
-the day to come under its usual set-points, and how much less where they are SETBACK lower. EnergyPlus lives the day
-both ways.
-"""
+"""`what-if`: is a day's heat as it was told, and would another plan have saved what was told? Buildings of EnergyPlus
+under relays: after two weeks one room in turn is asked at midnight how much heat the day to come takes, and how much
+less with set-points SETBACK lower. EnergyPlus lives the day both ways."""
 
 from typing import NamedTuple
 

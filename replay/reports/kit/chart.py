@@ -1,10 +1,7 @@
-"""Charts as SVG that is drawn already: they need no library, print as they are, and stretch with the page.
-
-Only what is drawn stretches. Labels are text beside it, which keeps its size on a phone.
-"""
+"""Charts as SVG without a library, which stretches with the page; labels are text beside it and keep their size."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from html import escape
 from typing import NamedTuple
@@ -13,6 +10,7 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.diagnosis.finding import amount
+from replay.scores.windows import runs
 
 _DAY = 86_400
 _STEPS = (*(3600 * hours for hours in (1, 3, 6, 12)), *(_DAY * days for days in (1, 2, 7, 14)))
@@ -90,19 +88,12 @@ class Chart(NamedTuple):
     say: Callable[[str], str] = str
     """What gives every text in the reader's language."""
 
-    def texts(self) -> Iterator[str]:
-        """Everything written in it but numbers and dates."""
-        for panel in self.panels:
-            yield from filter(None, (panel.title, panel.unit))
-        yield from self._names()
-        yield self.axis
-
     def html(self, title: str) -> str:
         """The chart as elements of a page."""
         spans = [_span(np.concatenate([_x(mark) for mark in panel.marks])) for panel in self.panels]
         x = (min(low for low, _ in spans), max(high for _, high in spans))
         marks = list(self.labels) or _dates(*x) if self.dated else list(self.labels) or _numbers(*x, _MARKS)
-        keys = "".join(f"<li><i class='{kind}'></i>{self._said(name)}</li>" for name, kind in self._names().items())
+        keys = "".join(f"<li><i class='{kind}'></i>{self._said(name)}</li>" for name, kind in self.names.items())
         below = "".join(
             f"<span style='left:{_share(at, x)}%'>{self._said(text)}</span>" for at, text in marks if x[0] <= at <= x[1]
         )
@@ -114,7 +105,8 @@ class Chart(NamedTuple):
             f"{' data-dated' if self.dated else ''}>{''.join(shown)}</div><p class='axis'>{axis}<output></output></p>"
         )
 
-    def _names(self) -> dict[str, str]:
+    @property
+    def names(self) -> dict[str, str]:
         """What the lines and areas are called, with the classes that their key has."""
         named: dict[str, str] = {}
         for mark in (mark for panel in self.panels for mark in panel.marks):
@@ -189,12 +181,12 @@ class _Place(NamedTuple):
         if isinstance(mark, Line):
             kind = f"{mark.colour}{' dashed' * mark.dashed}"
             path = "".join(
-                _path(self.x(mark.x[run]), self.y(self.measured(mark.y[run])), mark.step) for run in _runs(mark.y)
+                _path(self.x(mark.x[run]), self.y(self.measured(mark.y[run])), mark.step) for run in _known(mark.y)
             )
             return f"<path class='line {kind}' d='{path}'/>"
         if isinstance(mark, Band):
             path = ""
-            for run in _runs(mark.lower + mark.upper):
+            for run in _known(mark.lower + mark.upper):
                 x, lower, upper = (
                     self.x(mark.x[run]),
                     *(self.y(self.measured(e[run])) for e in (mark.lower, mark.upper)),
@@ -217,11 +209,9 @@ def _path(x: Array, y: Array, step: bool = False) -> str:
     return f"M{x[0]} {y[0]}{''.join(parts) or 'h0'}"
 
 
-def _runs(values: Array) -> Iterator[slice]:
+def _known(values: Array) -> list[slice]:
     """Where neighbours are all known."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], np.isfinite(values), [False]]).astype(int)))
-    for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        yield slice(begin, end)
+    return [slice(*run) for run in runs(np.isfinite(values))]
 
 
 def _x(mark: Mark) -> Array:

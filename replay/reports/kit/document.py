@@ -1,9 +1,6 @@
-"""The words of a report as a Markdown file beside the code that has its figures.
-
-`# ` is the title, and `## ` begins a section, whose paragraphs are parted by blank lines. `{name}` is a value. A
-paragraph that begins with `[[name]]` is the place of the table or plot of that name: the rest of its line is the title,
-and the lines below are the note.
-"""
+"""The words of a report as a Markdown file: `# ` is the title, and `## ` begins a section, whose paragraphs are parted
+by blank lines. `{name}` is a value. A paragraph that begins with `[[name]]` is the place of the table or plot of that
+name: the rest of its line is the title, and the lines below are the note."""
 
 import re
 from dataclasses import replace

@@ -192,7 +192,8 @@ def strings(report):
         for one in section.plots:
             yield from (one.title, one.reading)
         for plot in section.plots:
-            yield from map(plot.chart.say, plot.chart.texts())
+            labels = (text for panel in plot.chart.panels for text in (panel.title, panel.unit) if text)
+            yield from map(plot.chart.say, (*labels, *plot.chart.names, plot.chart.axis))
 
 
 def test_a_report_in_german_leaves_no_sentence_in_english(replayed, tmp_path, capsys):

@@ -56,30 +56,21 @@ MakeSite = Callable[[Mapping[str, Sequence[Sample]]], Site]
 
 
 class Planner(Controller):
-    """Every room is heated by the example `mpc.py` over Thermogate's REST, and by its thermostat between decisions.
-
-    Until step `begins` a thermostat heats. Everybody who plans is given the weather as it will be, and what the other
-    rooms have last planned: what is compared is the model of the building.
-    """
+    """Every room is heated by the example `mpc.py` over Thermogate's REST, and by its thermostat between decisions and
+    until step `begins`. Who plans is given the weather as it will be, and what the other rooms have last planned: what
+    is compared is the model of the building."""
 
     def __init__(
-        self,
-        scene: Scene,
-        make_site: MakeSite,
-        weather: tuple[Array, Array],
-        *,
-        begins: int,
-        trusting: bool,
-        margin: float = 0.0,
+        self, scene: Scene, make_site: MakeSite, weather: tuple[Array, Array], *, begins: int, trusting: bool
     ) -> None:
         """`weather` (outdoor and irradiance of every step and a day more); `trusting` takes every forecast for good."""
         self._building = scene.of
         self._rooms = [room.name for room in scene.of.rooms]
         self._beside = [[self._rooms[other] for other in scene.of.neighbours(i)] for i in range(len(self._rooms))]
-        self._life, self._margin, self._networks = scene.life(), margin, networks_of(scene.of)
-        self._settings = [settings_of(scene, index, margin) for index in range(len(self._rooms))]
+        self._life, self._networks = scene.life(), networks_of(scene.of)
+        self._settings = [settings_of(scene, index) for index in range(len(self._rooms))]
         self._make_site, self._weather, self._begins, self._trusting = make_site, weather, begins, trusting
-        self._thermostat = Thermostat(scene, margin)
+        self._thermostat = Thermostat(scene)
         self._stuck = steps_with(STUCK, scene)
         self._site: Site | None = None
         self._samples: dict[str, list[Sample]] = {room: [] for room in self._rooms}
@@ -144,7 +135,7 @@ class Planner(Controller):
             float(moment.shown[room]),
             bool(self._heating[room] > 0.0),
             lambda steps: [price(moment.local + (k + 0.5) * DECISION) for k in range(steps)],
-            lambda steps: lowest(self._life, moment.local, room, steps, self._margin),
+            lambda steps: lowest(self._life, moment.local, room, steps),
             lambda steps: self._known(moment.step, room, steps),
             memory.left(moment.time),
         )
@@ -175,7 +166,7 @@ class Planner(Controller):
         return known
 
 
-def settings_of(scene: Scene, room: int, margin: float) -> Any:
+def settings_of(scene: Scene, room: int, margin: float = 0.0) -> Any:
     one = scene.of.rooms[room]
     return mpc().Settings(
         one.name,
@@ -188,7 +179,7 @@ def settings_of(scene: Scene, room: int, margin: float) -> Any:
     )
 
 
-def lowest(life: Any, local: float, room: int, steps: int, margin: float) -> list[float]:
+def lowest(life: Any, local: float, room: int, steps: int, margin: float = 0.0) -> list[float]:
     """The lower end of comfort after each step of a plan, and during it, and `margin` K more."""
     ends = [float(life.set_points(local + k * DECISION)[room]) + margin for k in range(steps + 1)]
     return [max(pair) for pair in pairwise(ends)]

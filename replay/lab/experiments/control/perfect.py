@@ -1,10 +1,6 @@
-"""Perfect knowledge: the same programme, planned against the plant itself.
-
-EnergyPlus is deterministic, so a period can be lived again. Each pass plans with what the pass before it really did,
-corrected for what it heats otherwise. What a watt does is measured on the plant: heat pulses on top of that pass, and
-the difference that they make. So the planner knows weather, people, windows, outages of the boiler and the response
-of the building, and what its correction misses, because a building is not quite linear, the next pass knows.
-"""
+"""Perfect knowledge: the same programme, planned against the plant itself, which lives a period again and again. Each
+pass plans with what the pass before it really did, corrected for what it heats otherwise, by the response to heat
+pulses that is measured on the plant. What that misses, because a building is not quite linear, the next pass knows."""
 
 import numpy as np
 from scipy.linalg import toeplitz
@@ -116,11 +112,9 @@ class Foreseeing(Controller):
 
 
 def planned(moved: Array, free: Array, low: Array, prices: Array, most: Array) -> Array:
-    """(N, n): the powers [W] of least cost for N rooms together, by `mpc.plan`.
-
-    `moved` (N n, N n) is what a W in each room and step (column) does to each room after each step (row) [K]; `free`
-    and `low` (N n,) [degC], room after room; `most` (N, n) is what the heaters can give [W].
-    """
+    """(N, n): the powers [W] of least cost for N rooms together, by `mpc.plan`. `moved` (N n, N n) is what a W in each
+    room and step (column) does to each room after each step (row) [K]; `free` and `low` (N n,) [degC], room after room;
+    `most` (N, n) is what the heaters can give [W]."""
     high, costs = np.full(len(free), WARMEST), np.tile(prices, len(most))
     powers = mpc().plan(moved, free, low, high, costs, most.ravel(), DECISION / HOUR)
     return np.asarray(powers, dtype=np.float64).reshape(most.shape)

@@ -70,11 +70,8 @@ def report(results: Results, scenes: Mapping[str, Scene], every: Sequence[Scene]
 
 
 def shares(results: Results, recording: str, controller: str) -> list[float]:
-    """For every seed, how far a controller is on the way from the thermostat to perfect knowledge.
-
-    Both are swept: each contender whose label begins with theirs is the same controller with another setting. NaN where
-    they ran with one setting only.
-    """
+    """For every seed, how far a controller is on the way from the thermostat to perfect knowledge, both swept over the
+    settings of contenders whose labels begin with theirs; NaN where they ran with one setting only."""
     found = []
     for seed, own in enumerate(results.runs(recording, controller)):
         thermostat, perfect = (_swept(results, recording, label, seed) for label in (THERMOSTAT, PERFECT))

@@ -73,8 +73,7 @@ def _lived(run: ControlRun) -> Lived:
                 networks = {name: _fitted(network, samples[name], scene.seed) for name, network in networks.items()}
             return opened.enter_context(closing(Site(scene.of, networks, estimator, scene.seed, scene.whereabouts)))
 
-        planner = Planner(scene, make, weather_of(scene), begins=begins, trusting=trusting, margin=run.margin)
-        return close(scene, planner)
+        return close(scene, Planner(scene, make, weather_of(scene), begins=begins, trusting=trusting))
 
 
 def _fitted(network: Network, samples: Sequence[Sample], seed: int) -> Network:

@@ -66,11 +66,9 @@ def _kelvin_hours(beyond: Array) -> float:
 
 
 def cost_at(swept: Sequence[Scores], discomfort: float) -> float:
-    """The cost of the controller that was `swept` over its settings, at a `discomfort` [K h].
-
-    Linear between the settings that no other beats in both, which is what it costs to use one setting for a part of the
-    time and the other for the rest. Beyond them it is the cost of the last one.
-    """
+    """The cost of the controller that was `swept` over its settings, at a `discomfort` [K h]: linear between the
+    settings that no other beats in both, as where each is used for a part of the time, and beyond them that of the last
+    one."""
     points = sorted({(one.discomfort, one.cost) for one in swept})
     front: list[tuple[float, float]] = []
     for point in points:

@@ -55,9 +55,7 @@ def prepare(request: Request) -> Study:
             }
             segments = segments_of(series, _SHORTEST_SEGMENT)
             entered[LEAST_SQUARES] = LeastSquaresRun(network, PERIOD, segments, _STARTS, seed)
-            jobs += [
-                Job(name, label, seed, score_nights, NightRun(run, series, ZONE)) for label, run in entered.items()
-            ]
+            jobs += [Job(name, label, seed, score_nights, NightRun(run, series)) for label, run in entered.items()]
     return Study(
         jobs,
         lambda job, arrays: figures(periods[job.recording], arrays),
@@ -66,10 +64,8 @@ def prepare(request: Request) -> Study:
 
 
 def figures(series: Series, arrays: Arrays) -> Figures:
-    """Of the nights, and of the intervals in both conventions: overall, by day (07:00 to 16:00 local) and otherwise.
-
-    `filtered` intervals are held to the measurement here, as the paper's authors score theirs.
-    """
+    """Of the nights, and of the intervals in both conventions: overall, by day (07:00 to 16:00 local) and otherwise;
+    `filtered` ones are held to the measurement, as the paper's authors score theirs."""
     found: dict[str, float] = {}
     for when in ("final", "evening"):
         nights = arrays[f"nights_{when}"]

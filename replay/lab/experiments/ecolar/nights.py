@@ -1,8 +1,6 @@
-"""Open-loop accuracy of frozen parameters on the nights of a zone (paper 4.3.7, Table 8), as part of a run.
-
-Every model starts a night from the same kind of state: that of a Kalman filter with the frozen parameters, run over the
-day before. So no estimator gains by states of its own, and least squares, which has none, takes part.
-"""
+"""Open-loop accuracy of frozen parameters on the nights of a zone (paper 4.3.7, Table 8), as part of a run. Every model
+starts a night from the state of a Kalman filter with the frozen parameters, run over the day before: so none gains by
+states of its own, and least squares, which has none, takes part."""
 
 from typing import NamedTuple
 
@@ -18,6 +16,7 @@ from replay.experiments.series.least_squares import LeastSquaresRun, fit
 from replay.localtime import DAY
 from replay.scores.intervals import rmse
 from replay.scores.windows import Window, daily_windows
+from replay.simulated.ecolar import ZONE
 
 NIGHT = (20.0, 6.0)
 """Local hours."""
@@ -25,20 +24,17 @@ DAYTIME = (7.0, 16.0)
 
 
 class NightRun(NamedTuple):
-    """A run, and the local time zone of its nights."""
+    """A run, and the samples of its nights."""
 
     run: FilterRun | LeastSquaresRun
     series: Series
-    zone: str
 
 
 def score_nights(job: NightRun) -> Arrays:
-    """The arrays of its filter or fit, and `nights_final` and `nights_evening` [K] (n_nights,).
-
-    "final" are the parameters after the whole period, "evening" those learned by the night's beginning.
-    """
+    """The arrays of its filter or fit, and `nights_final` and `nights_evening` [K] (n_nights,), with the parameters
+    after the whole period, and with those learned by the night's beginning."""
     run, series = job.run, job.series
-    windows = daily_windows(series.times, run.period, job.zone, *NIGHT)
+    windows = daily_windows(series.times, run.period, ZONE, *NIGHT)
     if isinstance(run, FilterRun):
         arrays = run_filter(run)
         final = arrays["theta"][-1]

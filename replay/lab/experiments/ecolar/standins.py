@@ -16,7 +16,7 @@ from replay.lab import EXAMPLES
 from replay.localtime import midnight
 from replay.simulated import ecolar
 from replay.simulated.ecolar import Period
-from replay.simulated.weather import KONSTANZ, weather
+from replay.simulated.weather import weather
 from service.config.load import load
 from service.config.site import Config, ZoneConfig
 
@@ -49,7 +49,7 @@ def _standin(period: Period, seed: int) -> Recording:
     record = of_standin(period, read_zone, seed)
     start, end = (midnight(*day, ecolar.ZONE) for day in ecolar.PERIODS[period])
     minutes = np.arange(start, end, ecolar.GRID_STEP)
-    sun = np.interp(record.times + record.period / 2, minutes, weather(minutes, KONSTANZ, seed).irradiance)
+    sun = np.interp(record.times + record.period / 2, minutes, weather(minutes, seed).irradiance)
     what = f"a simulated stand-in for the unpublished {period} recording of Ecolar Home (seed {seed})"
     lit = record._replace(columns={**record.columns, SOLAR: sun})
     return Recording(f"{period}-seed{seed}", what, lit, ecolar_candidates(True), ecolar.ZONE)

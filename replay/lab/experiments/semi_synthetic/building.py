@@ -72,10 +72,8 @@ def study(
     written: Callable[[Results, Ready], Report],
 ) -> Study:
     """The contenders `entered` by recording, each over the building of every seed (`seeds` of them, unless others are
-    asked for). ReplayError where `request` cannot be met.
-
-    The contender LEAST_SQUARES is a fit; KNOWING is told of the gain as well.
-    """
+    asked for); LEAST_SQUARES is a fit, KNOWING is told of the gain as well. ReplayError where `request` cannot be
+    met."""
     request.accept("data", "seeds", "days", "particles")
     cases = {seed: simulated_case(request, seed) for seed in steps(request.seeds_or(seeds), "simulating")}
     jobs = [
@@ -111,11 +109,8 @@ def key(convention: str, score: str, regime: str = OVERALL) -> str:
 
 
 def figures(case: Case, trace: Trace) -> Figures:
-    """Of `trace`, which an estimator left on the series of `case`.
-
-    RMSE is against the noise-free temperature in both conventions. `one_step` is the interval published before y_k,
-    against y_k; `filtered` that of the state after y_k, against the noise-free state.
-    """
+    """Of `trace`, which an estimator left on the series of `case`. `one_step` intervals, published before y_k, are held
+    to y_k, `filtered` ones, of the state after y_k, to the noise-free state, and so is RMSE in both."""
     dominated, indoor = case.truth.disturbance_dominated, _indoor(case)
     one_step = (case.series.outputs[:, 0], trace.mean, trace.lower, trace.upper)
     filtered = (indoor, trace.filtered_mean, trace.filtered_lower, trace.filtered_upper)

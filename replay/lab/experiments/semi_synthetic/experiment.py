@@ -8,20 +8,8 @@ from importlib.resources import files
 from replay.experiments.request import Request
 from replay.experiments.study import Contender, Results, Study, targets
 from replay.lab.experiments.published import CHANNELS, PUBLISHED
-from replay.lab.experiments.semi_synthetic.building import (
-    AUC,
-    DOMINATED,
-    FILTERED,
-    HELD,
-    INDEX,
-    KNOWING,
-    LOW,
-    NETWORK,
-    ONE_STEP,
-    Ready,
-    key,
-    study,
-)
+from replay.lab.experiments.semi_synthetic import building
+from replay.lab.experiments.semi_synthetic.building import FILTERED, NETWORK, ONE_STEP, Ready, key
 from replay.reports.kit.document import Document
 from replay.reports.kit.report import Report
 from replay.reports.kit.verdict import WANTED, Verdict, Wanted
@@ -32,7 +20,7 @@ SEEDS = 5
 
 def prepare(request: Request) -> Study:
     """The experiment for `request`; ReplayError where it cannot be made."""
-    return study(request, SEEDS, {NETWORK.name: contenders()}, _report)
+    return building.study(request, SEEDS, {NETWORK.name: contenders()}, _report)
 
 
 _DATA = tomllib.loads(files(__package__).joinpath("experiment.toml").read_text(encoding="utf-8"))
@@ -44,7 +32,7 @@ TARGETS: Mapping[str, Mapping[str, Wanted]] = {
 
 
 def contenders() -> list[Contender]:
-    held = {"authors": HELD, "all": tuple(parameter.name for parameter in NETWORK.parameters), None: ()}
+    held = {"authors": building.HELD, "all": tuple(parameter.name for parameter in NETWORK.parameters), None: ()}
     return [
         Contender(row["label"], row["estimator"], row.get("options", {}), held[row.get("held")])
         for row in _DATA["contenders"]
@@ -75,7 +63,7 @@ def _report(results: Results, ready: Ready) -> Report:
         inside=100 * results.mean(name, own, key(ONE_STEP, "coverage")),
         best=best,
         score=results.spread(name, own, winkler),
-        floor=results.spread(name, KNOWING, winkler),
+        floor=results.spread(name, building.KNOWING, winkler),
         kalman=results.spread(name, best, winkler),
     )
     sections = (
@@ -127,14 +115,14 @@ def _report(results: Results, ready: Ready) -> Report:
 
 def _calibration(convention: str) -> dict[str, str]:
     columns = {name: key(convention, name) for name in ("RMSE, K", "Winkler, K", "coverage")}
-    columns |= {regime: key(convention, "coverage", regime) for regime in (LOW, DOMINATED)}
+    columns |= {regime: key(convention, "coverage", regime) for regime in (building.LOW, building.DOMINATED)}
     return columns | {"width, K": key(convention, "width, K")}
 
 
 _OPEN_LOOP = {name: f"open loop, {name}" for name in ("mean", "median", "smallest", "largest")}
 _NOTICED = (
-    *("median update, quiet", "median update, disturbed", INDEX),
-    *("median alpha, quiet", "median alpha, disturbed", AUC, "AUC, settled"),
+    *("median update, quiet", "median update, disturbed", building.INDEX),
+    *("median alpha, quiet", "median alpha, disturbed", building.AUC, "AUC, settled"),
 )
 _CAUSES = (
     "AUC, one sample later",
