@@ -22,8 +22,7 @@ async def cancellable(work: Awaitable[Result]) -> Result:
 
 
 async def in_thread(work: Callable[[], Any], abandoned: Callable[[Any], object] | None = None) -> Any:
-    """What `work` returns or raises, from a thread that does not keep the process alive; if nobody waits any more,
-    `abandoned` gets what it returns."""
+    """What `work` returns or raises, from a daemon thread; `abandoned` gets it where nobody waits any more."""
     loop = asyncio.get_running_loop()
     outcome: asyncio.Future[Any] = loop.create_future()
 

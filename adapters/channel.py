@@ -70,8 +70,7 @@ class ChannelConfig(Table):
         return self.unit if (self.scale, self.offset) == (1.0, 0.0) else None
 
     def edge(self, unit: str, rollover: float | None = None, usual: tuple[float, float] = (-inf, inf)) -> Edge:
-        """How raw values become values in the network's `unit`, which `usual`ly lie in a range; a counter that does not
-        say otherwise starts again at `rollover`."""
+        """How raw values become values in `unit`; a counter that does not say otherwise rolls over at `rollover`."""
         energy = self.unit in ENERGIES and self.unit != unit
         amounts = energy and self.aggregate == "energy"
         return Edge(
@@ -85,8 +84,7 @@ class ChannelConfig(Table):
         )
 
     def within(self, table: Any) -> Self:
-        """This channel with what it takes over from `table`, its source: every key of both that it does not have.
-        ValueError with one sentence if it then cannot be read."""
+        """This channel with every key of `table`, its source, that it does not have; ValueError if it is then wrong."""
         inherited = type(table).model_fields.keys() & type(self).model_fields.keys()
         return self.model_copy(update={name: getattr(table, name) for name in inherited if getattr(self, name) is None})
 

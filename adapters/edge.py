@@ -126,8 +126,7 @@ class LiveConverter(Converter):
     long bad: a sensor that works shows its own noise in the last digit."""
 
     def __init__(self, channel: str, edge: Edge, longest_stretch: float, stuck_after: float | None) -> None:
-        """`longest_stretch`: no power is made of counts that lie further apart, in s. `stuck_after` None: nothing is
-        ever stuck."""
+        """`longest_stretch` [s]: no power is made of a longer one; `stuck_after` None: nothing is ever stuck."""
         super().__init__(channel, edge, dated_at_start=False, longest_stretch=longest_stretch)
         self._stuck_after = inf if stuck_after is None else stuck_after
         self._since = -inf

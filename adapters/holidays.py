@@ -7,8 +7,7 @@ from functools import lru_cache
 
 @lru_cache(maxsize=16)
 def public_holidays(country: str) -> Container[object]:
-    """The public holidays, as dates, of a country such as "DE" or a part such as "DE-BW"; ValueError for an unknown
-    one."""
+    """The public holidays, as dates, of a country such as "DE", or "DE-BW"; ValueError for an unknown one."""
     try:
         package = importlib.import_module("holidays")
     except ImportError:

@@ -29,4 +29,3 @@ SOURCE_KINDS: dict[str, type[SourceConfig]] = {
         ZenohSourceConfig,
     )
 }
-"""The table of each kind by the name that the configuration gives it."""

@@ -45,17 +45,15 @@ class Reading(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Readings that arrived together; those up to `now`, the source's clock (UTC s, -inf while unknown), were
-    delivered."""
+    """Readings that arrived together; those up to the source's clock `now` (UTC s) were delivered; -inf: unknown."""
 
     readings: list[Reading]
     now: float
 
 
 class Probe(NamedTuple):
-    """What one look at a channel found, for the person who sets it up: where (`place`) and what (`raw`), its `value` in
-    the network's unit and `time` (UTC s) if any, a `verdict`, "good" or a sentence, and `hints` at what might be
-    meant."""
+    """What one look at a channel found, for a person: where (`place`) and what (`raw`), `value` in the network's unit
+    and `time` (UTC s) if any, a `verdict`, "good" or a sentence, and `hints` at what might be meant."""
 
     channel: str
     place: str
@@ -82,8 +80,7 @@ class Source(Protocol):
         ...
 
     async def probe(self, seconds: float) -> list[Probe]:
-        """Look at every channel once, in the order of the channels; one that tells by itself is given `seconds` to do
-        so. Raises SourceUnavailable."""
+        """Look at every channel once, in order, or for `seconds` where it tells by itself. Raises SourceUnavailable."""
         ...
 
     async def close(self) -> None:

@@ -25,6 +25,5 @@ class Scannable(Protocol):
     """A source that can be scanned."""
 
     async def scan(self, wanted: Scan) -> Scanned:
-        """Look, reading only. Raises SourceUnavailable, and SourceConfigError where `wanted` is more than one scan
-        may be."""
+        """Look, reading only. Raises SourceUnavailable, and SourceConfigError for too much."""
         ...

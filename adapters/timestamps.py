@@ -67,8 +67,7 @@ def timestamp_parser(pattern: str) -> Parser:
 
 
 def _split(pattern: str) -> tuple[set[str], list[str]]:
-    """The letters of the directives of a strptime pattern, and the literal texts that follow a directive of the
-    time."""
+    """The letters of the directives of a strptime pattern, and the literals after one of the time."""
     directives: set[str] = set()
     literals: list[str] = []
     for letter, literal in re.findall(r"%(.)([^%]*)", pattern, re.DOTALL):

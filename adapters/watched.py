@@ -57,8 +57,7 @@ class Watched:
         self.converter = LiveConverter(binding.id, self.edge, longest_stretch, binding.channel.stuck_after)
 
     def read(self, verdict: Verdict, when: float, sent: Hashable = None) -> Reading | None:
-        """The reading that `verdict` brings at `when` (UTC s), of which `sent` is what was sent; None for the first one
-        of a counter."""
+        """The reading that `verdict` brings at `when` (UTC s), where `sent` was sent; None for a counter's first."""
         if verdict.fault is not None or verdict.raw is None:
             return self.converter.bad(when, verdict.fault or Fault.NOT_AVAILABLE)
         return self.converter.reading(when, verdict.raw, verdict.quality, sent)
@@ -163,8 +162,7 @@ class LiveSource(Source):
 
     @asynccontextmanager
     async def _opened(self, make: Callable[[], Link]) -> AsyncIterator[Link]:
-        """The link that `make` makes, open; its errors begin with the name of the source. Raises SourceConfigError for
-        what `check` finds."""
+        """The link that `make` makes, open; its errors name the source, as do those that `check` finds."""
         for problem in self.check():
             raise SourceConfigError(problem)
         with said_of(self.name):

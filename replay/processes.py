@@ -5,8 +5,7 @@ from multiprocessing.context import BaseContext
 
 
 def importing_once(module: str) -> BaseContext:
-    """A context whose processes are forked from one that has imported `module`; each would take a second for it.
-    Where a system cannot fork, each does."""
+    """A context whose processes are forked, where that can be, from one that has imported `module`."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")

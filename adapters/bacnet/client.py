@@ -126,14 +126,12 @@ class BacnetLink:
         self._application.on_notification = notified
 
     async def who_is(self, seconds: float, lowest: int | None = None, highest: int | None = None) -> list[Found]:
-        """The devices with instances from `lowest` to `highest` that answer within `seconds`; at once if one is asked
-        for."""
+        """Devices with instances `lowest` to `highest` that answer within `seconds`; at once if it is one."""
         answers = await self._application.who_is(lowest, highest, timeout=seconds)
         return [Found(int(answer.iAmDeviceIdentifier[1]), answer.pduSource) for answer in answers]
 
     async def find(self, instance: int, address: Any = None) -> Device:
-        """The device `instance`, at `address` (as people write it, or of a Found) or wherever it is. Raises NoAnswer or
-        Refused."""
+        """The device `instance`, at `address` (written, or of a Found) or anywhere. Raises NoAnswer or Refused."""
         if isinstance(address, str):
             where = Address(address if ":" in address else f"{address}:{self._network.port}")
         else:

@@ -59,7 +59,6 @@ address = check(
 
 
 def object_name(value: object) -> str:
-    """The type and the instance of an object, as BACnet writes them."""
     if not isinstance(value, str):
         raise ValueError(f'must be a type and an instance in quotes, such as "analog-input,3", not {shown(value)}')
     return str(parse_object(value))

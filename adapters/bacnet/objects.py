@@ -34,7 +34,6 @@ SERVICES_SUPPORTED = 97
 STATUS_FLAGS = 111
 UNITS = 117
 COV_INCREMENT = 22
-"""Properties by their numbers."""
 
 _NAMES = {number: name for name, number in TYPES.items()}
 

@@ -12,8 +12,7 @@ from adapters.watched import POLLS_IN_A_STRETCH, Verdict, Watched
 
 
 class BacnetChannel(Watched):
-    """A channel at work: the object whose present value it is. A value is refused where the device states another unit
-    than `unit`, None for any."""
+    """A channel at work on an object; a value in another unit than `unit` (None: any) is refused."""
 
     def __init__(self, binding: Binding, poll: float) -> None:
         super().__init__(binding, POLLS_IN_A_STRETCH * poll)
@@ -25,14 +24,9 @@ class BacnetChannel(Watched):
         self.address: str | None = channel.at
         self.cov = bool(channel.cov)
 
-    @property
-    def is_temperature(self) -> bool:
-        return self.unit in ("degC", "K", "degF")
-
 
 class Seen(NamedTuple):
-    """What a device last said of an object: present value, status flags where it has them, and the number of the unit,
-    None where it states none."""
+    """The present value of an object, its status flags if it has them, the number of the unit if it states one."""
 
     value: Value
     flags: Value | None = None

@@ -40,9 +40,8 @@ _log = logging.getLogger(__name__)
 
 @dataclass
 class Followed:
-    """What was last seen of an object that has channels, when it was read, and when its subscription is to be renewed
-    (monotonic s; None without one). `refused`, `not_offered`: it, or a subscription to it, is not asked for until the
-    next refresh."""
+    """What was last seen of an object with channels, when it was read, and when its subscription is due (monotonic s;
+    None without one). `refused`, `not_offered`: it, or a subscription, is left alone until the next refresh."""
 
     seen: Seen | None = None
     units: int | None = None
@@ -71,15 +70,13 @@ class Session:
         self._source, self._instance, self._link = source, device, link
         self._channels, self._table, self._deliver = channels, table, deliver
         self._process = zlib.crc32(source.encode()) % LARGEST_PROCESS + 1
-        """The number of its subscriptions."""
         self._device: Device | None = None
         self._at: str | None = None
         """The address that the device was given last, if any."""
         self._refresh = 0.0
 
     async def follow(self, phase: float) -> None:
-        """Ask for ever, `phase` s after the first time for the second, so that not all devices answer at once; never
-        raises for what a device does."""
+        """Ask for ever, first now and then in `phase` s, to spread devices; never raises for what a device does."""
         self.rhythm.begin(phase - self._table.poll)
         pause = 0.0
         while True:

@@ -37,8 +37,7 @@ _log = logging.getLogger(__name__)
 
 class BacnetSource(LiveSource):
     """Devices of a BACnet/IP network, each followed by itself; a batch is what one brings in a poll, dated when it
-    arrives. A silent device is asked again after pauses that grow to 30 s; if all are silent, `batches` raises
-    SourceUnavailable."""
+    arrives. Silent ones are asked after pauses up to 30 s; if all are, `batches` raises SourceUnavailable."""
 
     def __init__(self, name: str, table: BacnetConfig, bindings: Sequence[Binding]) -> None:
         super().__init__(name, bindings)
@@ -184,7 +183,8 @@ async def _look(link: BacnetLink, device: Device, channel: BacnetChannel) -> Pro
         raise value
     name, increment = known(text, others[0]), known(number, others[1])
     hints = [] if name is None else [f'the device calls it "{name}"']
-    if increment and channel.cov and channel.is_temperature and channel.edge.change(increment) > _COARSE:
+    temperature = channel.unit in ("degC", "K", "degF")
+    if increment and channel.cov and temperature and channel.edge.change(increment) > _COARSE:
         hints.append(f"its COV increment is {increment:g}: a subscription shows no smaller change; cov = false polls")
     seen = Seen(value, None if isinstance(flags, Refused) else flags, known(whole, units))
     return probed(channel, seen, when, hints)

@@ -69,7 +69,6 @@ class NotReading(Exception):
 
 
 def join(application: Any, access_point: Any, link_layer: Any, datagrams: Datagrams) -> None:
-    """Bind the layers of bacpypes3 between `application` and the sockets."""
     application.asap = access_point
     application.nsap = NetworkServiceAccessPoint()
     application.nse = NetworkServiceElement()
@@ -197,8 +196,7 @@ class Datagrams(Server[PDU]):
         """Whether there is anybody to broadcast to."""
 
     async def open(self, *, broadcasts: bool, beside: bool) -> None:
-        """Open the sockets, the one for broadcasts if wanted. `beside`: where another program has the port, any free
-        one does for what is sent from here. Raises OSError."""
+        """Open the sockets; `beside`: from any free port where another program has it. Raises OSError."""
         loop = asyncio.get_running_loop()
         host, port = self.address.addrTuple
 

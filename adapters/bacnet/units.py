@@ -27,6 +27,5 @@ def unit_of(number: int) -> str | None:
 
 
 def differs(stated: int | None, unit: str) -> bool:
-    """Whether a device that states `stated` means something else than `unit`. Devices whose units were never entered
-    state none, and say nothing by it."""
+    """Whether a device that states `stated` means another unit than `unit`; one that states none does not."""
     return stated is not None and stated != NO_UNITS and unit_of(stated) != unit

@@ -2,14 +2,12 @@
 
 from pathlib import PurePath
 from typing import Annotated, ClassVar, Literal, Self
-from zoneinfo import ZoneInfo
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from adapters.channel import ChannelConfig, RecordedConfig
 from adapters.fields.tables import Table
 from adapters.fields.values import Column, Delimiter, Encoding, FilePath, TimestampFormat, TimeZone, choice
-from adapters.timestamps import Parser, timestamp_parser
 
 
 class TimestampConfig(Table):
@@ -20,14 +18,6 @@ class TimestampConfig(Table):
         default="iso8601", description='`"iso8601"`, `"epoch"` (s since 1970) or a strptime pattern'
     )
     zone: TimeZone | None = Field(default=None, description="zone of times without offset; none: they are faults")
-
-    @property
-    def parser(self) -> Parser:
-        return timestamp_parser(self.format)
-
-    @property
-    def time_zone(self) -> ZoneInfo | None:
-        return None if self.zone is None else ZoneInfo(self.zone)
 
 
 class LayoutConfig(Table):

@@ -10,8 +10,7 @@ _MOST_BYTES = 2**24
 
 
 class GrowingFile:
-    """The lines of a file that were completed since the last look; one that has become shorter, or is another file, is
-    read from its beginning."""
+    """The lines of a file completed since the last look; another or a shorter file is read from its beginning."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

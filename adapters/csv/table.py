@@ -14,6 +14,7 @@ from itertools import islice
 from math import inf
 from pathlib import Path
 from typing import NamedTuple, TextIO, TypeVar
+from zoneinfo import ZoneInfo
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from adapters.csv.parquet import is_parquet, parquet_chunks, parquet_columns
 from adapters.csv.times import Chunk, Moments, parse_timestamps, to_utc
 from adapters.edge import PLAIN, Edge
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.timestamps import timestamp_parser
 
 # Reading a chunk holds the interpreter lock for a few milliseconds: little enough for the event loop beside it.
 _CHUNK_ROWS = 4096
@@ -109,7 +111,8 @@ def read_table(
         return Table(
             np.empty(0), np.empty(0), np.empty((len(channels), 0)), np.empty((len(channels), 0), dtype=np.uint8)
         )
-    times, refused = to_utc(_joined([chunk.moments for chunk in chunks]), layout.timestamp.time_zone)
+    zone = None if layout.timestamp.zone is None else ZoneInfo(layout.timestamp.zone)
+    times, refused = to_utc(_joined([chunk.moments for chunk in chunks]), zone)
     values = np.empty((len(channels), times.size))
     status = np.empty((len(channels), times.size), dtype=np.uint8)
     for i, channel in enumerate(channels):
@@ -131,7 +134,7 @@ def _joined(parts: Sequence[_Arrays]) -> _Arrays:
 
 def _chunks(path: Path, channels: Sequence[CsvChannel], layout: LayoutConfig, content: bytes | None) -> Iterator[Chunk]:
     """The rows of a file with the columns that `channels` need; SourceConfigError if one is missing."""
-    time, parser = layout.timestamp.column, layout.timestamp.parser
+    time, parser = layout.timestamp.column, timestamp_parser(layout.timestamp.format)
     wanted = dict.fromkeys(name for channel in channels for name in channel.columns)
     if is_parquet(path):
         _require(path, read_header(path, layout), channels, layout)

@@ -14,8 +14,7 @@ _DAY = 86400.0
 
 
 class Moments(NamedTuple):
-    """Timestamps (n,): `seconds` since 1970 in UTC, or wall-clock time where `naive`; NaN where one cannot be
-    parsed."""
+    """Timestamps (n,): `seconds` since 1970 in UTC, or wall-clock time where `naive`; NaN if not parsed."""
 
     seconds: Array
     naive: npt.NDArray[np.bool_]

@@ -17,8 +17,6 @@ _SECRET = re.compile(r"passw|passphrase|secret|token|credential|api_?key", re.IG
 
 
 class Problems:
-    """Collects the mistakes found in `raw`, each written once."""
-
     def __init__(self, raw: Mapping[str, Any]) -> None:
         self._raw = raw
         self.sentences: list[str] = []
@@ -26,7 +24,6 @@ class Problems:
         """What is no mistake, but probably not meant."""
 
     def add(self, place: Place, sentence: str) -> None:
-        """Note that something is wrong at `place`."""
         if any(_SECRET.search(str(part)) for part in place):
             # Whoever wrote a secret where none belongs must not find it in a log as well.
             sentence = sentence.replace(shown(_value(self._raw, place)), "what is there")
@@ -36,7 +33,6 @@ class Problems:
             self.sentences.append(line)
 
     def warn(self, place: Place, sentence: str) -> None:
-        """Note that what is at `place` is probably not meant."""
         self.warnings.append(f"{written(self._raw, place)}: {sentence}")
 
     def read(self, model: type[Model], table: object, place: Place, context: Mapping[str, Any]) -> Model | None:
@@ -94,7 +90,6 @@ def _value(raw: Any, place: Place) -> object:
 
 
 def unknown_key(key: object, known: Sequence[str]) -> str:
-    """The sentence about a key that the configuration does not have."""
     return f"is not a known key; {suggestion(key, known, 'the keys here are')}"
 
 

@@ -6,8 +6,6 @@ from pydantic import BeforeValidator, Field
 
 from adapters.channel import ChannelConfig, RecordedConfig
 from adapters.fields.values import FilePath, Text, choice
-from adapters.home_assistant.database import Recorder
-from adapters.series.database import Database
 
 
 class HomeAssistantChannelConfig(ChannelConfig):
@@ -29,6 +27,7 @@ class HomeAssistantConfig(RecordedConfig):
     channel: ClassVar = HomeAssistantChannelConfig
     example: ClassVar = 'entity = "sensor...."'
     source: ClassVar = "adapters.series.source:SeriesSource"
+    asked: ClassVar = "adapters.home_assistant.database:Recorder"
     step: ClassVar = 60.0
     """s from one reading of a value that holds to the next."""
 
@@ -41,7 +40,3 @@ class HomeAssistantConfig(RecordedConfig):
     @property
     def described(self) -> str:
         return f"the {self.data} in {self.file.name}"
-
-    @property
-    def asked(self) -> Database:
-        return Recorder(self)

@@ -129,8 +129,7 @@ class Recorder(Database):
 
     @contextmanager
     def _opened(self) -> Iterator[sqlite3.Connection]:
-        """The database, to be read only, while Home Assistant runs or not. Raises SourceUnavailable where it cannot be
-        read, and SourceConfigError where it is something else."""
+        """The database, read only. Raises SourceUnavailable, and SourceConfigError for another one."""
         path = self.table.file
         if not path.is_file():
             raise SourceUnavailable(
@@ -184,8 +183,7 @@ def _states(connection: sqlite3.Connection, channel: Any) -> Stretches:
 
 
 def _statistics(connection: sqlite3.Connection, channel: Any) -> Stretches:
-    """The hourly means of the entity of `channel`; of a meter what it showed at the end of each hour, from then on for
-    an hour."""
+    """Hourly means; of a meter what it showed at the end of each hour, from then on for an hour."""
     rows = connection.execute(_STATISTICS, (channel.entity,)).fetchall()
     metered = [mean is None for _, mean, _ in rows]
     begins = np.array([row[0] for row in rows], dtype=np.float64) + HOUR * np.array(metered, dtype=np.float64)

@@ -12,9 +12,8 @@ _SHOWN = 80
 
 
 class Posted(NamedTuple):
-    """A posted value and what it is called: its `name` alone, or of line protocol the measurement as `name`, its
-    `field` and `tags`. `value` may be the fault for which there is none; `time` (UTC s) and `unit` are None where not
-    given."""
+    """A posted value, called by its `name` or, of line protocol, by measurement (`name`), `field` and `tags`. `value`
+    may be the fault for which there is none; `time` (UTC s) and `unit` are None where not given."""
 
     name: str
     value: float | Fault

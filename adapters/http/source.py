@@ -21,8 +21,7 @@ _UNHEARD = "this source is posted to, and only the running daemon hears that; lo
 
 
 class Received(NamedTuple):
-    """What a post brings: readings in the order of time, and how many first counts of counters, which are no power
-    yet."""
+    """What a post brings: readings in the order of time, and how many first counts, which are no power yet."""
 
     readings: list[Reading]
     begun: int
@@ -47,7 +46,6 @@ class HttpSource(Source):
         self._measured: dict[tuple[object, ...], list[HttpChannel]] = {}
         """By measurement, field and one of the tags, of which there may be many channels' own."""
         self._tags: set[str] = set()
-        """The keys of those."""
         self._news = asyncio.Event()
         self.rebind(bindings)
 
@@ -63,8 +61,7 @@ class HttpSource(Source):
         self._tags = {str(key[2]) for key in self._measured if len(key) > 2}
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
-        """An empty batch whenever something was posted, for ever: the readings themselves go to the zones as they come,
-        while their client waits."""
+        """An empty batch whenever something was posted: the readings went to the zones while the client waits."""
         while True:
             await self._news.wait()
             self._news.clear()
@@ -75,8 +72,7 @@ class HttpSource(Source):
         return [Probe(one.id, one.place, "-", None, None, _UNHEARD.format(zone=one.zone)) for one in self._listed]
 
     def receive(self, posted: Sequence[Posted], zone: str | None = None, now: float | None = None) -> Received:
-        """The readings of what was posted at `now` (UTC s), for the channels of `zone` alone if one is given; such a
-        post may leave the zone out of the names."""
+        """The readings of what was posted at `now` (UTC s), of `zone` alone if given, which names may leave out."""
         arrived = time.time() if now is None else now
         found = [(one, watched) for one in posted for watched in self._meant(one, zone)]
         # Nobody has measured what is to come: the client's clock is ahead, for all that it posts together.

@@ -11,10 +11,8 @@ from adapters.payload.json_pointer import parse, written
 from adapters.payload.times import TIME_FORMATS
 
 FORMATS = {"plain": (), "json": ("value", "time", "quality"), "senml": ("quality",)}
-"""Which pointers each format has."""
 
 TIMES = ("payload", "zenoh", "arrival")
-"""Where the time of a reading can come from."""
 
 
 def pointer(value: object) -> tuple[str, ...]:
@@ -40,7 +38,6 @@ def word(value: object) -> str:
 
 
 def times_of(*times: str) -> Any:
-    """The type of `times`: some of `times` in the order of preference."""
     return Annotated[
         tuple[Annotated[str, BeforeValidator(choice(*times))], ...],
         AfterValidator(each_once("{} names the same time twice")),
@@ -77,8 +74,7 @@ class MessagesConfig(LiveConfig):
 
 
 class MessageChannelConfig(WatchedChannelConfig):
-    """A channel of such a source; None is taken over from the source. `noun` is the key that says where its messages
-    come."""
+    """A channel of such a source; None is taken over from it. `noun`: the key that says where its messages come."""
 
     noun: ClassVar[str]
 

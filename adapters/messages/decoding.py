@@ -24,8 +24,7 @@ _WORDS = {"true": 1.0, "false": 0.0}
 
 
 class Decoded(NamedTuple):
-    """A value. `time` is UTC s, or if `relative` s from another time of the sample on; None where the payload has
-    none."""
+    """A value at `time`, UTC s or, if `relative`, s from another time of the sample on; None without a time."""
 
     raw: float
     time: float | None = None
@@ -68,8 +67,7 @@ class Payload:
 
 
 def decode(payload: Payload | bytes, form: MessageChannelConfig, near: float) -> list[Decoded | Rejected]:
-    """What `payload`, which came at `near` (UTC s), says to a channel that is within its source: one entry, or of a
-    SenML pack one per record meant."""
+    """What `payload`, which came at `near` (UTC s), says to a channel: one entry, of SenML one per record."""
     whole = Payload(payload) if isinstance(payload, bytes) else payload
     try:
         found = whole.parsed(str(form.format))

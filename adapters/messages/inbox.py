@@ -18,9 +18,8 @@ MOST_BYTES = 2**24
 
 
 class Incoming(NamedTuple):
-    """A sample as it came: its key or topic, its payload (None: longer than LONGEST_PAYLOAD, or with `size` 0 deleted),
-    Zenoh's time stamp if it has one, its arrival (UTC s). `retained`: a broker had kept it, nobody knows for how
-    long."""
+    """A sample: its key or topic, payload (None: longer than LONGEST_PAYLOAD, or with `size` 0 deleted), Zenoh's time
+    stamp if any, arrival (UTC s). `retained`: a broker had kept it, nobody knows for how long."""
 
     key: str
     payload: bytes | None
@@ -31,7 +30,6 @@ class Incoming(NamedTuple):
 
     @property
     def held(self) -> int:
-        """Bytes of the payload that are in memory."""
         return 0 if self.payload is None else len(self.payload)
 
 

@@ -142,7 +142,6 @@ class MessageChannels(Channels[MessageChannel]):
         super().__init__(name, bindings, lambda one: MessageChannel(one, table))
 
     def start_again(self) -> None:
-        """The session is a new one: what it recovers may have been had already."""
         for channel in self.all():
             channel.known_until, channel.heard = channel.newest, False
 

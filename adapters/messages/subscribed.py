@@ -101,8 +101,7 @@ class SubscribedSource(LiveSource):
     async def _listen(
         self, points: Collection[str], seconds: float
     ) -> tuple[dict[str, list[Incoming]], dict[str, Incoming]]:
-        """What comes on each of `points`, and the newest message of every place of others, within `seconds`, or until
-        all of the former have had one."""
+        """What comes on each of `points`, until all have had one, and the newest on others, within `seconds`."""
         inbox = Inbox([*points, EVERYTHING], max(self._table.queue, MOST_PLACES), MOST_BYTES)
         came: dict[str, list[Incoming]] = {point: [] for point in points}
         heard: dict[str, Incoming] = {}
@@ -122,8 +121,7 @@ class SubscribedSource(LiveSource):
     def _probed(
         self, channel: MessageChannel, came: Sequence[Incoming], heard: dict[str, Incoming], nothing: str
     ) -> Probe:
-        """What a person should know of what `came` for `channel`, with the verdict `nothing` if nothing did, and what
-        was `heard` on places like its own."""
+        """What a person should know of what `came` for `channel`, or else `nothing`, and was `heard` nearby."""
         probe = channel.look(came, nothing)
         if came or not heard:
             return probe
@@ -134,8 +132,7 @@ class SubscribedSource(LiveSource):
     """What else did not come while somebody looked, and the remedy."""
 
     def _reached(self, inbox: Inbox, probed: Collection[str] | None = None) -> AbstractAsyncContextManager[Any]:
-        """The open link, whose messages go into `inbox`. `probed`: somebody looks at these places; subscribed to them
-        and to what is around them, under EVERYTHING."""
+        """The open link into `inbox`, subscribed, if somebody looks, to what is `probed` and around it."""
         raise NotImplementedError
 
     async def _subscribe(self, link: Any, inbox: Inbox, keys: Sequence[str]) -> None:
@@ -145,8 +142,7 @@ class SubscribedSource(LiveSource):
         raise NotImplementedError
 
     def _connected(self, link: Any, seconds: float) -> bool:
-        """Whether somebody is at the other end. Raises SourceUnavailable if nobody has been for `seconds` and that is
-        too long."""
+        """Whether somebody is at the other end; SourceUnavailable if nobody was for `seconds`, and too long."""
         raise NotImplementedError
 
     async def _change(self, link: Any, inbox: Inbox) -> None:
@@ -160,7 +156,6 @@ class SubscribedSource(LiveSource):
         await self._subscribe(link, inbox, [key for key in now if key not in before])
 
     async def _taken(self, inbox: Inbox) -> AsyncIterator[Batch]:
-        """What comes within LOOK s, as far as it goes together."""
         if await inbox.wait(LOOK):
             yield Batch(await self._readings(inbox), time.time() - TRANSIT)
             # A flood must leave the loop to others as well.

@@ -30,6 +30,7 @@ EXCEPTIONS = {
     11: "gateway target does not respond",
 }
 """What exception codes mean (Modbus application protocol 1.1b3, 7)."""
+"""What exception codes mean (Modbus application protocol 1.1b3, 7)."""
 
 FUNCTION_CODES = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
 
@@ -58,8 +59,7 @@ class _Nonsense(ModbusException):
 
 
 class Refused(Exception):
-    """The device has no such registers, or does not give them away; the text says why. `lasting`: it will answer so
-    again."""
+    """The device has no such registers, or does not give them; `lasting`: it will answer so again."""
 
     def __init__(self, reason: str, lasting: bool) -> None:
         super().__init__(reason)

@@ -40,7 +40,6 @@ def plan(points: Iterable[Point], limits: ModbusConfig) -> list[Request]:
 
 
 def spanning(points: Iterable[Point]) -> Request:
-    """One request for `points` of one unit and table."""
     members = tuple(sorted(points))
     address = members[0].address
     return Request(*members[0][:3], _end(members) - address, members)

@@ -23,8 +23,7 @@ _DEFAULT = 100
 
 
 async def scan(link: ModbusLink, wanted: Scan, source: ModbusConfig) -> Scanned:
-    """What the units of `wanted` (default: that of `source`) have in its registers. Raises SourceUnavailable, and
-    SourceConfigError where that is more than MOST."""
+    """What units (default: that of `source`) have in registers. Raises SourceUnavailable, SourceConfigError."""
     first_register = source.first_register
     first_unit, last_unit = wanted.devices or (source.unit_id, source.unit_id)
     begin, end = wanted.registers or (first_register, first_register + _DEFAULT - 1)
@@ -57,8 +56,7 @@ async def scan(link: ModbusLink, wanted: Scan, source: ModbusConfig) -> Scanned:
 async def _look(
     link: ModbusLink, unit: int, table: str, stretch: range, longest: int
 ) -> tuple[dict[int, int], list[str]]:
-    """Registers or bits of a table by their address, read in as few requests as the device gives them away in, and what
-    there is to say beside them."""
+    """Registers or bits of a table by address, in as few requests as the device allows, and remarks."""
     words: dict[int, int] = {}
     reasons: list[str] = []
     parts = [stretch[begin : begin + longest] for begin in range(0, len(stretch), longest)]

@@ -37,8 +37,7 @@ _log = logging.getLogger(__name__)
 
 
 class _LeftAlone(NamedTuple):
-    """A unit that does not answer, or registers that it does not give, some for `lasting` reasons: for how long it was
-    left alone last, and until when (monotonic s)."""
+    """A silent unit, or registers not given: for how long they are left alone, and until when (monotonic s)."""
 
     pause: float
     until: float

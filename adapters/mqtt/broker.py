@@ -1,5 +1,4 @@
-"""Where a broker is, how it is reached, and who connects to it: the same for what the daemon publishes and for a
-source."""
+"""Where a broker is, and how and as whom it is reached: the same for what the daemon publishes and for a source."""
 
 import ssl
 from collections.abc import Iterator

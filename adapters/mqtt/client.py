@@ -33,8 +33,7 @@ class Will(NamedTuple):
 
 
 class Client:
-    """A connection, which a thread of the library carries; made inside the event loop that uses it. Every method raises
-    SourceUnavailable where it is lost."""
+    """A connection in a thread of the library, made inside the event loop that uses it. Raises SourceUnavailable."""
 
     def __init__(self, broker: BrokerConfig, on_message: OnMessage | None, session: float, will: Will | None) -> None:
         self._broker, self._session = broker, session
@@ -236,7 +235,6 @@ def _incoming(message: Any) -> Incoming:
 
 
 def _silent(broker: BrokerConfig, error: object) -> str:
-    """Why there is no connection, and the remedy."""
     said = str(error).partition("] ")[2] or str(error)
     if isinstance(error, ssl.SSLError):
         return (

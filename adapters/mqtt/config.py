@@ -9,7 +9,6 @@ from adapters.messages.config import MessageChannelConfig, MessagesConfig, times
 from adapters.mqtt.broker import BrokerConfig, Topic
 
 TIMES = ("payload", "arrival")
-"""Where the time of a reading can come from."""
 
 
 class MqttChannelConfig(MessageChannelConfig):

@@ -17,7 +17,6 @@ from adapters.fields.values import FilePath, Flag, PositiveDuration, Timeout, ch
 from adapters.fields.words import shown
 from adapters.opcua.identity import identity
 from adapters.series.config import HistoryConfig
-from adapters.series.database import Database
 
 PORT = 4840
 POLICIES = ("Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss")
@@ -122,6 +121,7 @@ class OpcuaHistoryConfig(ServerConfig, HistoryConfig):
     """[sources.<name>] of kind "opcua-history": what a server has recorded of its nodes (Historical Access)."""
 
     channel: ClassVar = NodeConfig
+    asked: ClassVar = "adapters.opcua.history:History"
     example: ClassVar = 'node = "ns=2;s=..."'
 
     kind: Literal["opcua-history"] = "opcua-history"
@@ -132,9 +132,3 @@ class OpcuaHistoryConfig(ServerConfig, HistoryConfig):
     @property
     def described(self) -> str:
         return f"the history of {self.url}, from {written_time(self.begin)}"
-
-    @property
-    def asked(self) -> Database:
-        from adapters.opcua.history import History
-
-        return History(self)

@@ -17,8 +17,7 @@ class History(Database):
         self._link: OpcuaLink | None = None
 
     async def points(self, channel: Any, begin: float, end: float, counter: bool) -> Points:
-        """The values of a node at begin, begin + step, ..., each recorded at most `hold` s before; a bad value ends the
-        one before."""
+        """Values at begin, begin + step, ..., each recorded at most `hold` s before and not ended by a bad one."""
         if self._link is None:
             link = OpcuaLink(self.table)
             await link.open()

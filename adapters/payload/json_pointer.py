@@ -50,5 +50,4 @@ def numbers(document: object) -> Iterator[tuple[str, float]]:
 
 
 def written(tokens: Sequence[str]) -> str:
-    """The pointer with these reference tokens."""
     return "".join("/" + token.replace("~", "~0").replace("/", "~1") for token in tokens)

@@ -39,8 +39,7 @@ class Point(NamedTuple):
 
 
 def points(text: str, precision: str = "ns") -> Iterator[Point]:
-    """Every field of every line of `text`; times count in `precision`, a key of UNITS_PER_SECOND. ValueError names the
-    line."""
+    """Every field of every line of `text`; times count in `precision` of UNITS_PER_SECOND. Raises ValueError."""
     at = _begin(text, 0)
     while at < len(text):
         head = _HEAD.match(text, at)

@@ -18,9 +18,8 @@ LONGEST_NAME = 256
 
 
 class Record(NamedTuple):
-    """A resolved record: `value` is a number or bool, None where there is none; `text`: it has another kind of value.
-    `time` is UTC s, or s from now on below ABSOLUTE_FROM. `unit` is written as Thermogate writes it, `fields` are as
-    they came."""
+    """A record: `value` is a number or bool, or None, of another kind if `text`; `time` UTC s, or s from now on below
+    ABSOLUTE_FROM; `unit` as Thermogate writes it; `fields` as they came."""
 
     name: str
     value: float | bool | None
@@ -31,8 +30,7 @@ class Record(NamedTuple):
 
 
 def records(document: object) -> Iterator[Record]:
-    """The records of a pack, an array of objects or a single one; ValueError with one sentence for what is no such
-    pack."""
+    """The records of a pack, an array of objects or a single one; ValueError for what is no such pack."""
     pack = [document] if isinstance(document, dict) else document
     if not isinstance(pack, list):
         raise ValueError("is no SenML pack, which is an array of records")

@@ -9,7 +9,7 @@ from adapters.fields.addresses import web_address
 from adapters.fields.logins import LoginConfig
 from adapters.fields.times import ZoneMissing, parse_time, written_time
 from adapters.fields.values import PositiveDuration, Text, text
-from adapters.series.database import Database, InfluxDB, Prometheus, Server, parts
+from adapters.series.database import Server, parts
 
 
 def moment(value: object) -> float:
@@ -39,14 +39,12 @@ class HistoryConfig(RecordedConfig):
     """What the table of every database has that is asked for a stretch of time."""
 
     source: ClassVar = "adapters.series.source:SeriesSource"
+    asked: ClassVar[str]
+    """The class of the database, as module:class."""
 
     begin: Moment = Field(description='the first time to read, such as "2026-01-01T00:00:00Z"')
     end: Moment | None = Field(default=None, description="time to stop before; none: now")
     step: PositiveDuration = Field(default=60.0, description="time from one reading to the next")
-
-    @property
-    def asked(self) -> Database:
-        raise NotImplementedError
 
 
 class SeriesConfig(LoginConfig, HistoryConfig):
@@ -69,13 +67,10 @@ class PrometheusConfig(SeriesConfig):
     """[sources.<name>] of kind "prometheus": Prometheus, VictoriaMetrics and others with its range queries."""
 
     channel: ClassVar = SeriesChannelConfig
+    asked: ClassVar = "adapters.series.database:Prometheus"
     example: ClassVar = 'query = "..."'
 
     kind: Literal["prometheus"] = "prometheus"
-
-    @property
-    def asked(self) -> Database:
-        return Prometheus(self)
 
 
 def influx_query(value: object) -> str:
@@ -96,11 +91,8 @@ class InfluxConfig(SeriesConfig):
     """[sources.<name>] of kind "influxdb": InfluxDB, versions 1 to 3."""
 
     channel: ClassVar = InfluxChannelConfig
+    asked: ClassVar = "adapters.series.database:InfluxDB"
     example: ClassVar = 'query = \'"value" FROM "degC"\''
 
     kind: Literal["influxdb"] = "influxdb"
     database: Text = Field(description="the name of the database; of the bucket in version 2")
-
-    @property
-    def asked(self) -> Database:
-        return InfluxDB(self)

@@ -55,8 +55,7 @@ class Server:
     login: LoginConfig
 
     async def ask(self, path: str, parameters: Mapping[str, str]) -> Any:
-        """The JSON that `path` answers. Raises SourceUnavailable, and SourceConfigError where it refuses the
-        question."""
+        """The JSON that `path` answers. Raises SourceUnavailable, and SourceConfigError where it is refused."""
         try:
             return json.loads(await asyncio.to_thread(self._answered, path, parameters))
         except ValueError as error:
@@ -102,8 +101,7 @@ class Database:
         self.table = table
 
     async def points(self, channel: Any, begin: float, end: float, counter: bool) -> Points:
-        """What `channel` has in [begin, end), UTC s, one point every `step` s at most; of a counter what it showed.
-        Raises SourceError."""
+        """The series of `channel` in [begin, end), UTC s, by `step`; a counter's stands. Raises SourceError."""
         raise NotImplementedError
 
     async def newest(self, channel: Any) -> Points:

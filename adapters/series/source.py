@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator, Sequence
 from math import inf
+from pkgutil import resolve_name
 
 from adapters.channel import Binding
 from adapters.edge import Converter, looked_at
@@ -19,7 +20,7 @@ class SeriesSource(RecordedSource):
 
     def __init__(self, name: str, table: HistoryConfig, bindings: Sequence[Binding]) -> None:
         super().__init__(name, table, bindings)
-        self._step, self._database = table.step, table.asked
+        self._step, self._database = table.step, resolve_name(table.asked)(table)
         self._channels = [binding.channel for binding in bindings]
 
     def check(self) -> list[str]:

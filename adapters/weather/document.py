@@ -25,9 +25,8 @@ _PRECEDING = ("radiation", "irradiance")
 
 
 def parse(text: bytes, arrived: float) -> WeatherForecast:
-    """The forecast in a document that `arrived` at UTC s; SourceUnavailable says what is wrong with it. Times are s
-    since 1970, or text, without a zone in `utc_offset_seconds`; `issued` (RFC 3339) may say when it was issued, not
-    after it arrived."""
+    """The forecast in a document that `arrived` at UTC s; SourceUnavailable says what is wrong. Times are s since 1970,
+    or text, without a zone in `utc_offset_seconds`; `issued` (RFC 3339) counts if not after it arrived."""
     if len(text) > LONGEST:
         raise SourceUnavailable(f"the document is longer than {LONGEST} bytes; ask for fewer series or fewer days")
     try:

@@ -93,8 +93,7 @@ def json_file(name: str, path: Path, every: float) -> PolledForecasts:
 
 
 def json_address(name: str, url: str, every: float) -> PolledForecasts:
-    """A JSON document at an HTTP address, issued when it is fetched unless it says otherwise. It is tried when the
-    daemon runs."""
+    """A JSON document at an HTTP address, issued when it is fetched unless it says otherwise."""
 
     def read() -> WeatherForecast:
         try:

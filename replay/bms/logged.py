@@ -43,7 +43,6 @@ class Demo(NamedTuple):
     directory: Path
     pace: float
     overrides: tuple[str, ...] = ()
-    """Changes to the written configuration, as of `--set`."""
     knows: bool = True
     """Whether its rooms begin with what the usual ones have learned, where they have no state."""
 

@@ -2,7 +2,7 @@
 station that differ in tables, types, word orders, scales, units and in what stands for "not available"."""
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib.resources import files
 from typing import Any, NamedTuple
@@ -11,6 +11,7 @@ from replay.bms.living.building import Building
 from replay.bms.living.thermostats import Relay
 from replay.bms.living.world import Snapshot
 from replay.bms.registers import Register
+from service.cli.tables import aligned
 
 WEATHER_UNIT_ID = 1
 FIRST_ROOM_UNIT_ID = 11
@@ -108,3 +109,21 @@ _READS: Mapping[str, Callable[[_Room, Snapshot], float]] = {
     # It rolls over soon after the start, where the mistakes of its readers are.
     "energy, soon over": lambda room, now: 2**32 - 500 + _energy(room, now),
 }
+
+HEADINGS = ("device", "unit_id", "channel", "table", "register", "words", "type", "order", "scale", "unit", "missing")
+"""`register` counts from 0, `missing` is what "not available" is."""
+
+
+def register_map(plant: Sequence[Device]) -> list[str]:
+    """The register map as lines of a table, for people."""
+    return aligned([HEADINGS, *(_row(device, channel) for device in plant for channel in device.channels)])
+
+
+def _row(device: Device, channel: Channel) -> tuple[str, ...]:
+    register = channel.register
+    missing = "NaN" if register.type.startswith("float") else ""
+    if register.sentinel is not None:
+        missing = f"0x{register.sentinel % 2 ** (16 * register.words):0{4 * register.words}X}"
+    order = "" if register.type == "bool" else register.order
+    place = (register.table, str(register.address), str(register.words), register.type, order, f"{register.scale:g}")
+    return (device.name, str(device.unit_id), channel.name, *place, channel.unit, missing)

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from adapters.cancelling import in_thread
-from replay.bms import register_map
 from replay.bms.bacnet import objects as bacnet_objects
 from replay.bms.control import create_control
 from replay.bms.faults import FaultSpec
 from replay.bms.modbus_server import ModbusServer
+from replay.bms.plant import register_map
 from replay.bms.simulation import Simulation
 from replay.bms.written_config import write_config
 from replay.bms.zenoh_publisher import ZenohPublisher
@@ -35,8 +35,7 @@ _CLOSE_SECONDS = 1.0
 
 @dataclass(frozen=True)
 class BmsOptions:
-    """What the command line says. Ports of 0 are any free ones; `zenoh` None publishes nothing, `bacnet` None serves no
-    BACnet."""
+    """What the command line says: ports of 0 are any free ones, None of `zenoh` and `bacnet` are off."""
 
     zones: int = 4
     port: int = 5020
@@ -48,7 +47,6 @@ class BmsOptions:
     faults: Sequence[FaultSpec] = ()
     config: Path | None = None
     overrides: Sequence[str] = ()
-    """Changes to the written configuration, as of `--set`."""
 
 
 def simulate_bms(options: BmsOptions) -> int:
@@ -120,7 +118,7 @@ async def _until(stop: asyncio.Event, tasks: Sequence[asyncio.Task[None]]) -> No
 
 def _greeting(options: BmsOptions, simulation: Simulation, port: int, bacnet: int | None, url: str) -> list[str]:
     lines = [
-        *register_map.as_text(simulation.plant),
+        *register_map(simulation.plant),
         "",
         f"SYNTHETIC building, {options.zones} rooms, {options.pace:g} simulated s per s, seed {options.seed}",
         f"Modbus TCP  127.0.0.1:{port}; registers count from 0",

@@ -28,8 +28,7 @@ _PER_STEP = ("process_sd", "volatility_sd", "jump_probability", "shrinkage")
 
 
 def write_config(path: Path, simulation: Simulation, port: int, overrides: Sequence[str] = ()) -> None:
-    """Write the TOML for the Modbus server on `port`, with `overrides` (as of --set) applied; ConfigError for wrong
-    ones."""
+    """Write the TOML for the Modbus server on `port`, changed by `overrides`; ConfigError for wrong ones."""
     raw = apply_overrides(configuration(simulation, port), overrides)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(_HEAD.format(pace=simulation.pace) + tomli_w.dumps(raw), encoding="utf-8")

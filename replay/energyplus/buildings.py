@@ -15,14 +15,8 @@ from replay.simulated.events import EVERY_DAY, WEEKDAYS, WEEKEND
 Side = Literal["south", "east", "north", "west", "floor", "ceiling"]
 
 SIDES: tuple[Side, ...] = ("south", "east", "north", "west", "floor", "ceiling")
-OPPOSITE: Mapping[Side, Side] = {
-    "south": "north",
-    "north": "south",
-    "east": "west",
-    "west": "east",
-    "floor": "ceiling",
-    "ceiling": "floor",
-}
+_FACING: tuple[tuple[Side, Side], ...] = (("south", "north"), ("east", "west"), ("floor", "ceiling"))
+OPPOSITE: Mapping[Side, Side] = {one: other for pair in _FACING for one, other in (pair, pair[::-1])}
 PARTS = ("wall", "roof", "ground", "partition", "storey")
 """What a building is made of, each of layers."""
 

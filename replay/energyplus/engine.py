@@ -189,7 +189,6 @@ def _paused() -> Iterator[None]:
 
 
 def _said(path: Path) -> str:
-    """The first severe complaint in EnergyPlus's own log."""
     try:
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:

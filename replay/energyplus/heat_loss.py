@@ -28,11 +28,6 @@ class HeatLoss(NamedTuple):
     outdoors: Array
     between: Array
 
-    @property
-    def total(self) -> Array:
-        """From each room to outdoors and to all its neighbours (N,), W/K."""
-        return np.asarray(self.outdoors + self.between.sum(axis=1))
-
 
 def heat_loss(building: Building, weather: WeatherFile, *, outdoor: float, wind: float) -> HeatLoss:
     """The heat loss of `building` at an outdoor temperature [degC] and a wind [m/s], without sun, under a cloudy sky,

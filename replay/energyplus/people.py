@@ -14,9 +14,8 @@ _STREAM = 0xE9
 
 
 class Use(NamedTuple):
-    """The habits of the people of a room: how many are there, equipment [W], beside `standby` W, lights [W], windows
-    open [W/K]. Between the hours `warm` on the weekdays `days` (0 = Monday) the set-point is `by_day` degC, else
-    `by_night`."""
+    """The habits of a room: people, equipment [W], beside `standby` W, lights [W], windows open [W/K]. In the hours
+    `warm` on the weekdays `days` (0 = Monday) the set-point is `by_day` degC, else `by_night`."""
 
     people: tuple[Habit, ...]
     equipment: tuple[Habit, ...]

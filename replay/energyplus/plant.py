@@ -201,7 +201,6 @@ def _net(of: dict[str, Array]) -> dict[str, Array]:
 
 
 def _variables(building: Building) -> list[Variable]:
-    """_SITE, then _ROOM of every room."""
     southern = epjson.surface(building.rooms[0].name, "south")
     site = [Variable(name, southern if name.startswith("Surface") else "Environment") for name in _SITE]
     return site + [Variable(name, room.name) for room in building.rooms for name in _ROOM]
@@ -217,7 +216,6 @@ _INPUTS = (
 
 
 def _actuators(building: Building) -> list[Actuator]:
-    """Those of every field of `Inputs`, room by room."""
     return [
         Actuator(kind, control, epjson.part(room.name, what))
         for room in building.rooms

@@ -24,8 +24,7 @@ _UNSURE = "?9" * 20
 
 
 class WeatherFile(NamedTuple):
-    """An EPW file, the place that it names, where that is, and how many s its standard time is ahead of UTC; nobody
-    saves daylight."""
+    """An EPW file, the place it names, where that is, and s by which its standard time is ahead of UTC."""
 
     path: Path
     place: str
@@ -34,8 +33,7 @@ class WeatherFile(NamedTuple):
 
 
 def weather_file(name: str, packaged: Path) -> WeatherFile:
-    """The file of a city of CITIES, in the folder `packaged`, or the EPW file at the path `name`; WeatherFileError
-    where there is none, or where it is no EPW file."""
+    """The file of a city of CITIES, in the folder `packaged`, or the EPW file `name`; else WeatherFileError."""
     path = packaged / CITIES[name] if name in CITIES else Path(name)
     if path.suffix.lower() != ".epw":
         raise WeatherFileError(

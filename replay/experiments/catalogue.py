@@ -36,8 +36,7 @@ def module_of(name: str) -> ModuleType:
 
 
 def laboratory(module: str, what: str) -> ModuleType:
-    """That module of the laboratory; ReplayError, which begins with `what` was asked for, where this installation has
-    none."""
+    """That module of the laboratory; ReplayError, which begins with `what` was asked for, without one."""
     # Not by asking for the module: an editable installation elsewhere on this machine would answer for it.
     if not any((Path(folder) / "lab").is_dir() for folder in replay.__path__):
         raise ReplayError(f"{what} needs a checkout of Thermogate's source; the installed package does not carry it")

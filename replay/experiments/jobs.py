@@ -9,15 +9,16 @@ import os
 import pickle
 import re
 import signal
+import sys
 import zipfile
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from functools import cache
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -28,10 +29,11 @@ import replay
 import service
 from estimator.errors import EstimatorError
 from replay.errors import ReplayError
-from replay.experiments.progress import steps
 from replay.processes import importing_once
+from service.recordings.progress import SLOW
 
 Arrays = dict[str, npt.NDArray[Any]]
+Item = TypeVar("Item")
 
 
 class Job(NamedTuple):
@@ -46,7 +48,6 @@ class Job(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What the run is called in messages."""
         return f"{self.recording} {self.contender}, seed {self.seed}"
 
     @property
@@ -71,9 +72,8 @@ def _sources() -> bytes:
 
 
 def run_jobs(jobs: Sequence[Job], folder: Path, workers: int, progress: bool) -> list[Arrays]:
-    """The results of `jobs`, in their order, kept in `folder` and taken from there where they are; with one worker in
-    this process. After Ctrl-C the finished runs stay and KeyboardInterrupt is raised. ReplayError names a run that
-    failed."""
+    """The results of `jobs`, in order, kept in and taken from `folder`; one worker is this process. After Ctrl-C the
+    finished runs stay and KeyboardInterrupt is raised. ReplayError names a run that failed."""
     paths = [job.file(folder) for job in jobs]
     results = [load(path) for path in steps(paths, "finished runs", len(paths))]
     missing = [index for index, result in enumerate(results) if result is None]
@@ -144,3 +144,8 @@ def save(path: Path, arrays: Arrays) -> None:
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def steps(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:
+    """`items`, while a terminal shows how many of `total` are done and how much time is left."""
+    return iter(tqdm(items, desc=what, total=total, unit="", delay=SLOW, leave=False, disable=not sys.stderr.isatty()))

@@ -67,8 +67,7 @@ def names_of(files: Sequence[Path]) -> list[str]:
 
 
 def chosen(request: Request) -> tuple[Config, ZoneConfig]:
-    """The configuration of `request`, and the zone that --zone names in it, or its only one; ReplayError or ConfigError
-    says what is wrong."""
+    """The configuration of `request`, and its zone that --zone names, or its only one; ReplayError, ConfigError."""
     path = request.configuration
     if path is None:
         raise ReplayError("there is no configuration; name one with --config")

@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replay.experiments.jobs import Arrays, Job
-from replay.experiments.progress import steps
+from replay.experiments.jobs import Arrays, Job, steps
 from replay.reports.kit.report import Report, Section
 from replay.reports.kit.table import Cell, Spread, Table, spread
 from replay.reports.kit.verdict import Verdict, verdict_table
@@ -34,8 +33,6 @@ class Contender(NamedTuple):
 
 
 class Results:
-    """The figures of every run, by recording and contender over seeds."""
-
     def __init__(self, jobs: Sequence[Job], figures: Sequence[Figures]) -> None:
         self._figures: dict[tuple[str, str], list[Figures]] = {}
         for job, found in zip(jobs, figures, strict=True):

@@ -31,7 +31,6 @@ _PENDING = {"step": 1, "inputs": 1, "issued": 0}
 
 
 def main() -> None:
-    """Write LEARNED anew."""
     with tempfile.TemporaryDirectory() as folder:
         directory = Path(folder)
         state = directory / STATE
@@ -56,7 +55,6 @@ def main() -> None:
 
 
 def _lived() -> World:
-    """The building of the demo after LIVED_DAYS."""
     world = World(design(ROOMS, SEED), SEED)
     while world.elapsed < LIVED_DAYS * DAY:
         world.step(np.zeros(ROOMS))

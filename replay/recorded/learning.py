@@ -56,7 +56,6 @@ _ENDED = (
 
 class Learned(NamedTuple):
     traces: list[Trace]
-    """Of the zones that learned something in this run."""
     known: Mapping[str, int]
     """Samples of each zone that its state had already, and that were passed over."""
 
@@ -169,8 +168,7 @@ class _Student:
         return last
 
     async def learn(self, new: Sequence[Sample], note: Callable[[int], object] = lambda count: None) -> None:
-        """Take the samples `new` in chunks and `note` the size of each; a sample is in the journal before it is learned
-        from."""
+        """Take `new` in chunks and `note` their sizes; a sample is in the journal before it is learned from."""
         for begin in range(0, len(new), _CHUNK):
             samples = new[begin : begin + _CHUNK]
             await asyncio.gather(*(self._store.append(self._zone.id, sample) for sample in samples))
@@ -228,7 +226,6 @@ def _begin(zone: ZoneConfig, mark: str, checkpoint: Checkpoint | None, end: int)
 
 
 def _take(name: str, samples: Iterable[Sample]) -> tuple[list[Update], Checkpoint | None]:
-    """The updates of `samples`, and the checkpoint after them."""
     worker, tracer, zone, mark = _students[name]
     updates = [update for sample in samples if (update := worker.step(sample)) is not None]
     for update in updates:

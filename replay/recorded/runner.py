@@ -147,7 +147,6 @@ def _summary(table: ZoneConfig, worker: ZoneWorker, trace: Trace, seconds: Seque
 
 
 def _skill(found: Sequence[HorizonSkill | IssuedSkill]) -> dict[str, dict[str, float | None]]:
-    """What forecasts of the last 30 days were worth, by lead."""
     return {format_duration(one.lead): _finite(asdict(one)) for one in found}
 
 
@@ -164,7 +163,6 @@ def _scores(rows: list[HistoryRow], level: float) -> dict[str, float]:
 
 
 def _unused(zone: str, found: Recorded, start: float | None, end: float | None) -> str:
-    """Why a replay brought nothing, in one sentence."""
     period = "" if start is None and end is None else " between --start and --end"
     remedy = f"{found.said}; look at timestamp, decimal and unit in the configuration" if found.refused else ""
     return f"zone '{zone}': no usable sample in the recording{period}{remedy}"

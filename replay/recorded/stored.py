@@ -55,8 +55,7 @@ def traces_of(
 
 
 def stored_samples(state_dir: Path, zone: ZoneConfig) -> list[Sample]:
-    """Every accepted sample of `zone` in `state_dir`, oldest first, whose network may be another with the same
-    channels; ServiceError where they cannot be read."""
+    """Every accepted sample of `zone` in `state_dir`, oldest first; ServiceError without its channels."""
     with read_state(state_dir) as state:
         samples = list(state.journal.samples_after(zone.id, None))
     wanted = len(zone.network.measured), len(zone.network.inputs)

@@ -51,17 +51,16 @@ class Fan(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """A zone over a period of K updates, oldest first. Times are UTC s."""
+    """A zone over a period of K updates, oldest first; times and `period` in s, `level` of the intervals in `rows`,
+    `options` of the estimator, `faults` refused readings by kind, `notes` on where figures come from, `laws` of the
+    thermostat, `room` and `trust` at the end, `time_zone` an IANA name or None for UTC."""
 
     zone: str
     network: Network
     estimator: str
     period: int
-    """s."""
     level: float
-    """Of the intervals in `rows`."""
     options: Mapping[str, Any]
-    """Of the estimator."""
     rows: list[HistoryRow]
     inputs: Array
     """(K, n_u): in force from each sample to the next, in the network's units."""
@@ -73,21 +72,15 @@ class Trace(NamedTuple):
     """(M, 3): quantiles at LEVELS [W/K]."""
     fans: list[Fan]
     faults: Mapping[str, int]
-    """Refused readings by kind."""
     skill: Skill | None = None
     diagnosis: Diagnosis = Diagnosis()
     notes: tuple[str, ...] = ()
-    """Sentences on where these figures come from."""
     laws: tuple[LearnedLaw, ...] = ()
-    """Of the thermostat."""
     room: Room | None = None
-    """How the room did over the last weeks of the period, and what to do; None without a sample."""
     heating: NextHeatingPayload | None = None
     """When to start heating after the period; None as it is for a daemon."""
     trust: Trust = Trust()
-    """How far the forecasts can be relied on at the end."""
     time_zone: str | None = None
-    """IANA name; None: UTC."""
 
     def local(self, times: Seconds) -> Seconds:
         """UTC s `times` as seconds of the site's wall clock."""
@@ -138,8 +131,6 @@ def _room_of(worker: ZoneWorker, zone: ZoneConfig, trace: Trace) -> Room | None:
 
 
 class _Issue(NamedTuple):
-    """A forecast that waits for its day to pass."""
-
     first: int
     """UTC s of the first sample that it is about."""
     segment: int
@@ -162,7 +153,6 @@ class Tracer:
         self._fans: list[Fan] = []
 
     def note(self, update: Update) -> None:
-        """Take down `update`, which the worker has just returned."""
         held = self._worker.carried.held.values
         self.rows.append(HistoryRow.of(update))
         self._inputs.extend(held.tolist())
@@ -213,7 +203,6 @@ class Tracer:
         }
 
     def unpack(self, packed: Mapping[str, Array]) -> None:
-        """Go on from what another tracer of the zone has packed."""
         for row in packed["rows"].tolist():
             cells = dict(zip(HISTORY_COLUMNS, row, strict=True))
             whole = {name: int(cells[name]) for name in ("time", "segment")}

@@ -36,7 +36,6 @@ def advice(trace: Trace, found: Diagnostics) -> list[str]:
 
 
 Said = Iterator[tuple[str, dict[str, object]]]
-"""Sections of the document, and what fills them."""
 
 
 def _from_skill(trace: Trace) -> Said:

@@ -70,7 +70,6 @@ def _trusted(trust: Trust) -> str:
 
 
 def _start(document: Document, trace: Trace) -> str:
-    """When to start heating, in the words of the page."""
     found = trace.heating
     if found is None:
         return ""

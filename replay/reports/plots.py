@@ -33,7 +33,6 @@ def thinned(count: int) -> int:
 
 
 def record(trace: Trace) -> Plot:
-    """Measured temperature in its published band, and the inputs below."""
     y, lower, upper, setpoint = (
         np.array([getattr(row, name) for row in trace.rows]) for name in ("y", "lower", "upper", "setpoint")
     )
@@ -68,7 +67,6 @@ def fans(trace: Trace) -> Plot:
 
 
 def heat(trace: Trace, room: Room) -> Plot:
-    """Heat besides the heating, by the hour of the day."""
     hours = np.arange(24, dtype=np.float64) + 0.5
     people, sun = np.array(room.people), np.array(room.sun)
     marks = (
@@ -135,8 +133,7 @@ def _white(found: Diagnostics) -> tuple[Level, Level]:
 
 
 def _drawn(trace: Trace, times: Seconds, *columns: Array) -> tuple[Array, list[Array]]:
-    """Times of the site's clock and columns, thinned; where more than a period lies between two rows, a NaN ends the
-    line."""
+    """Times of the site's clock and columns, thinned; where rows are missing, a NaN ends the line."""
     every = thinned(len(times))
     times, columns = times[::every], tuple(column[::every] for column in columns)
     after = np.flatnonzero(np.diff(times) > 1.5 * trace.period * every) + 1

@@ -17,9 +17,8 @@ FILE = "report.html"
 def publish_report(
     site: str, traces: Sequence[Trace], out: Path, progress: bool = False, language: str = LANGUAGES[0]
 ) -> int:
-    """Print the table of `traces`, write `report.html` into the folder `out`, both in `language`, one of LANGUAGES, and
-    print where it is; 0. With `progress` a terminal shows how far it is. ReplayError where the folder cannot be
-    written."""
+    """Print the table of `traces`, write `report.html` into `out`, both in `language` of LANGUAGES, and print where it
+    is; 0. With `progress` a terminal shows how far it is. Raises ReplayError."""
     path = out / FILE
     with writing(out):
         path.write_text(report_page(site, traces, language, progress), encoding="utf-8")
@@ -35,7 +34,6 @@ def report_page(site: str, traces: Sequence[Trace], language: str = LANGUAGES[0]
 
 
 def _names(traces: Sequence[Trace]) -> frozenset[str]:
-    """What is called so by the operator or the network, and is no word of a language."""
     return frozenset(
         name
         for trace in traces

@@ -14,18 +14,15 @@ REACH = 6 * HOUR
 
 
 class Diagnostics(NamedTuple):
-    """Of R residuals on the grid, K samples apart at most. Correlations are NaN where nothing varies."""
+    """Of R residuals on the grid: `pit` (R,), where each measurement fell in the Gaussian with the forecast's mean and
+    standard deviation; at `lags` (L,) [s], from one step to REACH, `autocorrelation` (L,), and by channel correlation
+    with the input (1 + L,), from no lag on, NaN where nothing varies; `band`: white noise is beyond once in twenty."""
 
     pit: Array
-    """(R,): where each measurement fell in the Gaussian with the forecast's mean and standard deviation, 0 to 1."""
     lags: Array
-    """(L,): s, from one step to REACH."""
     autocorrelation: Array
-    """(L,)."""
     against_inputs: dict[str, Array]
-    """(1 + L,) by channel: correlation with the input as it was, from no lag on."""
     band: float
-    """Beyond it a correlation of white noise lies once in twenty."""
 
 
 def diagnostics(trace: Trace) -> Diagnostics:

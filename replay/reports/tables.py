@@ -93,14 +93,12 @@ def worst_first(traces: Sequence[Trace]) -> list[Trace]:
 
 
 def to_do(traces: Sequence[Trace]) -> Table:
-    """What to do in each zone, in the order of `traces`."""
     rooms = ((trace.zone, trace.room) for trace in traces if trace.room is not None)
     rows = tuple((zone, one.what, one.why) for zone, room in rooms for one in room.to_do)
     return Table("to-do", ("zone", "what", "why"), rows)
 
 
 def answers(room: Room) -> Table:
-    """What the room is like, each answer with what it is about."""
     rows = tuple((_ABOUT[one.about], f"{one.sentence}.") for one in room.answers[1:])
     return Table("answers", ("about", "answer"), rows)
 
@@ -119,7 +117,6 @@ def _between(part: Range) -> str:
 
 
 def parameters(trace: Trace) -> Table:
-    """What the posterior says at the end, beside the bounds of the network."""
     low, median, high = (f"{100 * level:g} % quantile" for level in LEVELS)
     rows: list[tuple[Cell, ...]] = []
     for parameter, quantiles in zip(trace.network.parameters, trace.parameters[-1].tolist(), strict=True):

@@ -26,9 +26,8 @@ def parasitic_learning_index(magnitudes: Array, dominated: Mask) -> float:
 
 
 def area_under_roc(score: Array, label: Mask) -> float:
-    """Probability that `score` (K,) is higher where `label` (K,) holds than where it does not, ties counting half: the
-    Mann-Whitney statistic over the product of the two sizes. NaN where all labels agree; rows without a score count for
-    nothing."""
+    """Probability that `score` (K,) is higher where `label` (K,) holds than where not, ties half: the Mann-Whitney
+    statistic over the product of the sizes. NaN where all labels agree; rows without a score do not count."""
     known = ~np.isnan(score)
     score, label = score[known], label[known]
     positive = int(label.sum())

@@ -23,9 +23,8 @@ class TransferErrors(NamedTuple):
 def frequency_response(
     network: Network, theta: Array, period: float, points: int = FREQUENCIES
 ) -> npt.NDArray[np.complex128]:
-    """G(e^(i Omega); theta) = H (e^(i Omega) I - A_d)^(-1) B_d of `theta` (n_theta, N), shape (N, points, n_y, n_u), in
-    K per unit of the input; Omega runs in `points` equal steps from 0 to pi, the Nyquist frequency pi / `period`
-    rad/s."""
+    """G(e^(i Omega); theta) = H (e^(i Omega) I - A_d)^(-1) B_d of `theta` (n_theta, N), shape (N, points, n_y, n_u) [K
+    per unit of the input], in equal steps of Omega to pi, the Nyquist frequency pi / `period` rad/s."""
     model = discretise(assemble(network, theta), period)
     shift = np.exp(1j * np.linspace(0.0, np.pi, points))
     resolvent = shift[None, :, None, None] * np.eye(len(network.nodes)) - model.transition[:, None]

@@ -63,7 +63,6 @@ def open_loop_errors(
 
 
 def runs(mask: Mask) -> list[Window]:
-    """Unbroken runs of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
     return [Window(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
 

@@ -90,8 +90,7 @@ def _utc(text: str) -> int:
 
 
 def read_weather(path: Path) -> tuple[Seconds, Weather]:
-    """Times and weather of a CSV file with columns timestamp_utc, T_out_degC and GHI_W_m2, one row every 600 s;
-    WeatherFileError for anything else."""
+    """Times and weather of a CSV file with WEATHER_COLUMNS, one row every 600 s; WeatherFileError."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [[row[name] for name in WEATHER_COLUMNS] for row in csv.DictReader(file)]

@@ -21,9 +21,8 @@ class Dynamics(NamedTuple):
 
 
 def dynamics(network: Network, theta: Mapping[str, float], period: float) -> Dynamics:
-    """Exact zero-order-hold dynamics (paper (5)-(6)) over `period` s, with `theta` by name, nominal where left out. The
-    matrix exponential is deliberately not the discretisation of the estimators: simulated data must not share their
-    mistakes."""
+    """Exact zero-order-hold dynamics (paper (5)-(6)) over `period` s, `theta` by name, else nominal; by a matrix
+    exponential, not as the estimators do: simulated data must not share their mistakes."""
     matrices = assemble(network, theta_vector(network, theta))
     capacitance, internal, inputs = matrices.capacitance[0], matrices.internal[0], matrices.inputs[0]
     n_x, n_u = inputs.shape

@@ -21,7 +21,6 @@ CLOUD_STEP = 300
 
 
 KONSTANZ = Location(47.66, 9.18)
-"""Where the weather happens."""
 MEAN_TEMPERATURE, ANNUAL_AMPLITUDE = 10.0, 9.5  # degC and K
 
 

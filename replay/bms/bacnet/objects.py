@@ -27,7 +27,6 @@ _HOSTS = 250
 
 
 def host(index: int) -> str:
-    """The loopback address of the device at `index` of the plant."""
     return f"127.0.{1 + index // _HOSTS}.{1 + index % _HOSTS}"
 
 

@@ -77,7 +77,6 @@ class _SimulatedDevice(LoopbackDevice):
             self._channels[made.objectIdentifier] = channel, made
 
     async def indication(self, apdu: Any) -> None:
-        """Answer a request as the faults that act let it."""
         faults, name, read = self._simulation.faults, self._plant.name, self._read(apdu)
         if faults.on_request("silent", name, read) or faults.on_request("drop", name, read):
             return
@@ -160,7 +159,6 @@ class BacnetServer:
         return server
 
     async def run(self) -> None:
-        """Tell subscribers of changes until cancelled."""
         while True:
             for device in self._devices:
                 device.refresh()

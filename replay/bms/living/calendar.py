@@ -1,5 +1,4 @@
-"""Weather, a table of 52 weeks that begins again, and people's habits, drawn week by week: both follow from the
-seed."""
+"""Weather, a table of 52 weeks that begins again, and people's habits, drawn by the week: both out of the seed."""
 
 from functools import lru_cache
 from typing import NamedTuple

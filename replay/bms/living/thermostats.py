@@ -8,9 +8,7 @@ class Thermostat(Protocol):
     """A controller whose whole memory is one number, 0.0 at first."""
 
     @property
-    def power(self) -> float:
-        """The most that the heater gives, W."""
-        ...
+    def power(self) -> float: ...
 
     def step(self, memory: float, excess: float, seconds: float) -> tuple[float, float]:
         """New memory, and the power in W for the next `seconds`, at `excess` K above the set-point."""

@@ -26,13 +26,11 @@ _USUAL = (
 
 
 def seeded(contender: Contender) -> bool:
-    """Whether it draws random numbers, and so runs once for each seed."""
     return contender.estimator in (*registry.ESTIMATORS, *ANSWERED) and contender.estimator not in DRAWS_NOTHING
 
 
 def contenders(request: Request) -> list[Contender]:
-    """Those of --contender, or the usual ones and what the zone of --config has been given, unless it is the default,
-    with --particles if given."""
+    """Those of --contender, or the usual ones and what the zone of --config has, if it is another."""
     if request.contender:
         found = [named(text) for text in request.contender]
         if any(contender.estimator == BOOSTING for contender in found):
@@ -66,8 +64,7 @@ def named(text: str, place: str = "--contender") -> Contender:
 
 
 def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) -> Iterator[Job]:
-    """The runs of `contender` on `recording`, one for each seed that it makes a difference to; OptionsError for its
-    options."""
+    """The runs of `contender` on `recording`, for each seed if it draws; OptionsError for its options."""
     leads, series, period = tuple(leads_of(recording.period).values()), recording.series, recording.period
     if contender.estimator in (*NAIVE, *DIRECT):
         work = run_naive if contender.estimator in NAIVE else run_direct

@@ -131,8 +131,7 @@ def verdicts(results: Results, known: Mapping[str, Recording]) -> list[Verdict]:
 
 
 def _of_answers(results: Results, known: Mapping[str, Recording]) -> Iterator[Verdict]:
-    """Under the set-points and the weather that came a forecast is to be near; without a plan better than what is known
-    without a model."""
+    """Targets of forecasts under the set-points and weather that came, and of those without a plan."""
     for name, recording in known.items():
         for label in (one for one in results.contenders if one in ANSWERED):
             for horizon in [one for one in forecasts.AHEAD if one in leads_of(recording.period)]:
@@ -193,7 +192,6 @@ def _means(results: Results, recording: str, figure: str, labels: Sequence[str])
 
 
 def _geometric(ratios: Sequence[float]) -> list[float]:
-    """Their geometric mean, or nothing where there are none."""
     return [float(np.exp(np.mean(np.log(ratios))))] if ratios else []
 
 
@@ -220,7 +218,6 @@ def _ranking(name: str, standings: Sequence[Standing]) -> Table:
 
 
 def _across(results: Results, known: Mapping[str, Recording], score: str, window: str) -> Table:
-    """A score of every recording and horizon that any of them has, by contender."""
     horizons = dict.fromkeys(horizon for recording in known.values() for horizon in leads_of(recording.period))
     name = {CRPS: "crps", COVERAGE: "coverage", LARGEST: "largest-error"}[score]
     figures = {horizon: key(score, horizon, window) for horizon in horizons}

@@ -62,9 +62,8 @@ class FilterRun(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """What an estimator said of its first output along K samples, degC and K; NaN where it said nothing. `mean`,
-    `lower` and `upper` were formed before y_k was seen; the `filtered_...` ones are of the state after it
-    (`run_filter`)."""
+    """What an estimator said of its first output along K samples, degC and K, or NaN: `mean`, `lower` and `upper`
+    before y_k was seen, the `filtered_...` ones of the state after it (`run_filter`)."""
 
     mean: Array
     lower: Array

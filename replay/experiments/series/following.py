@@ -32,8 +32,7 @@ def follow(network: Network, theta: Array, period: float, outputs: Array, inputs
 
 
 def frozen(network: Network, theta: Array) -> Network:
-    """`network` with every parameter held at `theta` (n_theta,): what is left to fit are the temperatures it starts
-    from."""
+    """`network` held at `theta` (n_theta,): what is left to fit are the temperatures it starts from."""
     for parameter, value in zip(network.parameters, theta, strict=True):
         network = network.with_parameter(parameter.name, nominal=float(value), free=False)
     return network

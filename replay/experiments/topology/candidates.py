@@ -24,7 +24,6 @@ class Candidate(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The label with what tells it from its twin."""
         return f"{self.label} with sun" if self.solar else self.label
 
 

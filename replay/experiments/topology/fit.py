@@ -92,8 +92,7 @@ def split(record: ZoneRecord, windows: Sequence[Window], output: str) -> tuple[l
 def figures(
     network: Network, record: ZoneRecord, windows: Sequence[Window], found: Arrays, time_zone: str
 ) -> dict[str, float]:
-    """The figures of Table 3 for the first measured node, NaN where there is no such window or rest, and of every
-    parameter."""
+    """The figures of Table 3 for the first measured node, NaN where it has none, and of every parameter."""
     grid = np.full(int((record.times[-1] - record.times[0]) // record.period) + 1, np.nan)
     restarted: dict[str, list[float]] = {NIGHTS: [], DAYS: []}
     for (begin, end), start in zip(windows, found["initial_states"], strict=True):

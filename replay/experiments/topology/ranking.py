@@ -29,7 +29,6 @@ class Fitted(NamedTuple):
 
     @property
     def at_bound(self) -> list[str]:
-        """The parameters that the data do not determine."""
         return [one.name for one in self.candidate.network.parameters if self.found.get(at_bound(one.name))]
 
     @property

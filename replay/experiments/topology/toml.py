@@ -37,8 +37,7 @@ class Place(NamedTuple):
 
 
 def proposal(network: Network, theta: Array, at_bound: Sequence[str]) -> Network:
-    """`network` with boxes around `theta` (n_theta,); a parameter at a bound keeps the box it had, within which the
-    data could not place it."""
+    """`network` with boxes around `theta` (n_theta,), but for what is `at_bound`, which nobody could place."""
     parameters = tuple(
         _around(parameter, float(value)) if parameter.free and parameter.name not in at_bound else parameter
         for parameter, value in zip(network.parameters, theta, strict=True)
@@ -86,7 +85,6 @@ def _tried(table: Mapping[str, Any], network: Network, place: Place) -> tuple[li
 
 
 def _inline(value: Any) -> str:
-    """`value` as one line of TOML."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{json.dumps(key)} = {_inline(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):

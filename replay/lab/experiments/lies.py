@@ -19,8 +19,7 @@ from replay.energyplus.library import library
 from replay.energyplus.plant import STEP
 from replay.energyplus.recording import record
 from replay.experiments.hours_ahead.runs import run_hours
-from replay.experiments.jobs import Arrays, Job
-from replay.experiments.progress import steps
+from replay.experiments.jobs import Arrays, Job, steps
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Series
 from replay.experiments.study import Figures, Results, Study
@@ -49,8 +48,7 @@ AFTERWARDS, AS_TRUE = "CRPS on the second day after", "CRPS on the second day af
 WITHIN = {f"found in {hours} h": hours for hours in (12, 24, 48)}
 SINCE_FALSE = {f"found in {hours} h of the first false reading": hours for hours in (12, 48)}
 FALSE = 0.1
-"""Share of the standard deviation that a column had in the true days: what tells more than that from the truth is a
-false reading."""
+"""Share of a column's standard deviation in the true days: what is off the truth by more is a false reading."""
 
 
 class Lie(NamedTuple):
@@ -144,8 +142,7 @@ def watch(run: Watch) -> Arrays:
 
 
 def afterwards(run: Watch) -> Arrays:
-    """For every room `crps` [K] of a bank's forecasts AHEAD, under the inputs that came, made and come true on the
-    second day after the lie."""
+    """By room, `crps` [K] of a bank's forecasts AHEAD, made and come true on the second day after the lie."""
     end = (TRUE_DAYS + LYING_DAYS + 2) * DAY
     scores = []
     for rows in run.rows:
@@ -168,7 +165,6 @@ def _lying(rows: Array, lie: Lie, begin: int) -> Array:
 
 
 def _suspected(rows: Array, begin: int) -> list[tuple[int, tuple[Suspicion, ...]]]:
-    """What is suspected after every hour from row `begin` on."""
     width = rows.shape[1] - 1
     # Nobody tells these rooms' set-points.
     recent, untold, looks = nothing_recent(width, PERIOD), no_memory(width), []

@@ -1,5 +1,4 @@
-"""The recordings that forecasts are compared on, each with a network that a user would take; a line in RECORDINGS
-each."""
+"""The recordings that forecasts are compared on, each with a network that a user would take."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +17,7 @@ from replay.energyplus.recording import Recording as Life
 from replay.energyplus.recording import record
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead.recordings import Known, Recording, of_zone
-from replay.experiments.progress import steps
+from replay.experiments.jobs import steps
 from replay.experiments.request import Request
 from replay.experiments.series.recorded_zone import ZoneRecord, bridged
 from replay.lab.experiments import rooms

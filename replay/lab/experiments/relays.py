@@ -34,8 +34,6 @@ DAYS = 42
 
 
 class RelayRun(NamedTuple):
-    """What a run depends on."""
-
     building: str
     estimator: str
     seed: int
@@ -57,8 +55,7 @@ def study(
     figures: Callable[[Arrays], Figures],
     report: Callable[[Results], Report],
 ) -> Study:
-    """An experiment in which `live` asks a bank; ReplayError for a `request` that does not fit, EnergyPlusMissing
-    without the extra."""
+    """An experiment in which `live` asks a bank; ReplayError for `request`, EnergyPlusMissing."""
     request.accept("seeds", "days", "building")
     library()
     days = request.days or DAYS

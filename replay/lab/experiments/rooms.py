@@ -34,8 +34,6 @@ _NETWORKS = {
 
 
 class Room(NamedTuple):
-    """An entry of `rooms.toml`, of one room."""
-
     file: str
     what: str
     period: int
@@ -63,7 +61,6 @@ def _read() -> Iterator[tuple[str, Room]]:
 
 
 ROOMS: Mapping[str, Room] = dict(_read())
-"""By the name of the recording."""
 FILES = tuple(dict.fromkeys(room.file for room in ROOMS.values()))
 
 
@@ -74,8 +71,7 @@ def check_folder(folder: Path | None, files: Sequence[str]) -> None:
 
 
 def read_room(name: str, folder: Path | None) -> Recording | None:
-    """The recording of that name below `folder`, with its network; None where its file is not
-    there, ReplayError where it is not what it should be."""
+    """The recording of that name below `folder`, with its network; None without its file. Raises ReplayError."""
     room = ROOMS[name]
     path = folder and folder / room.file
     if path is None or not path.exists():

@@ -32,8 +32,7 @@ ASKED, DEMAND, DEMAND_COVERAGE, OFF, TRUE, SAVING, SAVING_OFF, SAVING_COVERAGE =
 
 
 class _Answer(NamedTuple):
-    """What `room` was told at `step` of the plant: the demand, and the difference of the set-back, as (lower, mean,
-    upper) in kWh."""
+    """What `room` was told at `step` of the plant: demand and difference, as (lower, mean, upper) in kWh."""
 
     room: int
     step: int

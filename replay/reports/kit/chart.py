@@ -55,8 +55,6 @@ class Bars(NamedTuple):
 
 
 class Level(NamedTuple):
-    """A dashed line across."""
-
     y: float
 
 
@@ -89,7 +87,6 @@ class Chart(NamedTuple):
     """What gives every text in the reader's language."""
 
     def html(self, title: str) -> str:
-        """The chart as elements of a page."""
         spans = [_span(np.concatenate([_x(mark) for mark in panel.marks])) for panel in self.panels]
         x = (min(low for low, _ in spans), max(high for _, high in spans))
         marks = list(self.labels) or _dates(*x) if self.dated else list(self.labels) or _numbers(*x, _MARKS)
@@ -107,7 +104,6 @@ class Chart(NamedTuple):
 
     @property
     def names(self) -> dict[str, str]:
-        """What the lines and areas are called, with the classes that their key has."""
         named: dict[str, str] = {}
         for mark in (mark for panel in self.panels for mark in panel.marks):
             if isinstance(mark, Line) and mark.name:

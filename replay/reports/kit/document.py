@@ -45,5 +45,4 @@ class Document:
         return Section(heading.format(**values), tuple(paragraphs), tuple(tables), tuple(plots))
 
     def lines(self, heading: str, **values: object) -> tuple[str, ...]:
-        """The paragraphs of that section alone."""
         return self.section(heading, **values).paragraphs

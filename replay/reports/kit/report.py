@@ -12,8 +12,6 @@ from replay.reports.kit.table import Table, inline
 
 
 class Plot(NamedTuple):
-    """A chart with a title and a sentence on how to read it."""
-
     name: str
     chart: Chart
     title: str = ""

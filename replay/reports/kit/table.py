@@ -29,7 +29,6 @@ Cell = str | float | int | Spread | None
 
 
 def spread(values: Sequence[float]) -> Spread:
-    """Mean and standard deviation of one figure over seeds."""
     array = np.asarray(values, dtype=np.float64)
     return Spread(float(array.mean()), float(array.std(ddof=1)) if len(array) > 1 else math.nan)
 

@@ -48,17 +48,10 @@ def between(low: float, high: float) -> Wanted:
 
 
 def near(reference: float, share: float) -> Wanted:
-    """Off `reference` by no more than `share` of it."""
     return Wanted((1 - share) * reference, (1 + share) * reference, f"{number(reference)} within {100 * share:.0f} %")
 
 
-WANTED: Mapping[str, Callable[..., Wanted]] = {
-    "at_most": at_most,
-    "at_least": at_least,
-    "between": between,
-    "near": near,
-}
-"""By name, for targets that are data."""
+WANTED: Mapping[str, Callable[..., Wanted]] = {kind.__name__: kind for kind in (at_most, at_least, between, near)}
 
 
 def verdict_table(verdicts: Sequence[Verdict]) -> Table:

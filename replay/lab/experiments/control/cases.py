@@ -42,7 +42,6 @@ CASES: Mapping[str, str] = {
     OFF: "Once a week the boiler gives no heat for a day, whatever is asked of it; nothing is metered then.",
     START: "The heating season begins: nothing was learned before the first controlled day.",
 }
-"""A sentence on each way in which the period goes."""
 
 
 class Scene(NamedTuple):
@@ -61,7 +60,6 @@ class Scene(NamedTuple):
 
     @property
     def controlled_from(self) -> int:
-        """The first step that counts."""
         return (self.days - self.controlled) * STEPS_A_DAY
 
     @property
@@ -99,8 +97,7 @@ def lived(scene: Scene, life: Life, index: int, local: float, heating: Array) ->
 
 
 def steps_with(fault: str, scene: Scene) -> Mask:
-    """(K,): the steps in which the thermometer of the first room shows what it showed before (STUCK), or no heater
-    gives heat (OFF)."""
+    """(K,): the steps in which the first room's thermometer sticks (STUCK), or no heater gives heat (OFF)."""
     faulty = np.zeros(scene.steps, dtype=np.bool_)
     if scene.case == fault:
         for week in range(-(-scene.controlled // _WEEK)):

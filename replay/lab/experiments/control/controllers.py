@@ -28,8 +28,7 @@ from then on, bad after twice as long)."""
 
 
 class Thermostat(Controller):
-    """A relay with hysteresis for each room, which keeps the lower end of the comfort band and `margin` K more, set up
-    `early` s before the night setback ends."""
+    """A relay for each room at the lower end of the band and `margin` K, `early` s before a setback ends."""
 
     def __init__(self, scene: Scene, margin: float = 0.0, early: float = EARLY) -> None:
         self._life, self._early = scene.life(), early

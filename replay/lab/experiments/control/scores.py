@@ -18,25 +18,19 @@ _ON = 1.0
 
 
 class Scores(NamedTuple):
-    """Of the controlled days, over all rooms."""
+    """Of the controlled days, over all rooms: `energy` [kWh], `cold` below and `warm` above the comfort band [K h],
+    `peak` [kW, mean over 15 min], `switches` on per room and day, `fallback`: share of time under a thermostat."""
 
     energy: float
-    """kWh."""
     cost: float
     cold: float
-    """K h below the comfort band."""
     warm: float
-    """K h above it."""
     peak: float
-    """kW, mean over 15 min."""
     switches: float
-    """How often a heater is switched on, per room and day."""
     fallback: float
-    """Share of the time in which a thermostat heats."""
 
     @property
     def discomfort(self) -> float:
-        """K h outside the band."""
         return self.cold + self.warm
 
 
@@ -66,9 +60,8 @@ def _kelvin_hours(beyond: Array) -> float:
 
 
 def cost_at(swept: Sequence[Scores], discomfort: float) -> float:
-    """The cost of the controller that was `swept` over its settings, at a `discomfort` [K h]: linear between the
-    settings that no other beats in both, as where each is used for a part of the time, and beyond them that of the last
-    one."""
+    """The cost of the controller `swept` over its settings at a `discomfort` [K h]: linear between those that no other
+    beats in both, each used for a part of the time, and beyond them that of the last one."""
     points = sorted({(one.discomfort, one.cost) for one in swept})
     front: list[tuple[float, float]] = []
     for point in points:

@@ -114,7 +114,6 @@ class Site:
         return found
 
     def close(self) -> None:
-        """End the zones, and whatever they run on."""
         self._open.close()
 
     async def _begun(self) -> list[asyncio.Task[None]]:

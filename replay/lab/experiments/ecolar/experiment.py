@@ -6,8 +6,7 @@ import numpy as np
 
 from estimator.network.presets import PRESETS
 from replay.experiments.hours_ahead.recordings import Recording, of_zone
-from replay.experiments.jobs import Arrays, Job
-from replay.experiments.progress import steps
+from replay.experiments.jobs import Arrays, Job, steps
 from replay.experiments.request import Request, names_of
 from replay.experiments.series.filtering import FilterRun, Series, Trace
 from replay.experiments.series.least_squares import LeastSquaresRun, segments_of
@@ -38,7 +37,6 @@ CONVENTIONS = {
     "one_step": ("mean", "lower", "upper"),
     "filtered": ("filtered_mean", "filtered_lower", "filtered_upper"),
 }
-"""The columns of a trace by convention."""
 
 
 def prepare(request: Request) -> Study:

@@ -8,8 +8,7 @@ import numpy as np
 from estimator.arrays import Array
 from estimator.gaussian.floor import GAIN_CHANNEL, with_known_gain
 from estimator.network.presets import PRESETS
-from replay.experiments.jobs import Arrays, Job
-from replay.experiments.progress import steps
+from replay.experiments.jobs import Arrays, Job, steps
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Series, Trace, run_filter
 from replay.experiments.series.least_squares import LeastSquaresRun, fit, segments_of
@@ -37,8 +36,6 @@ SETTLING = 6
 
 
 class Case(NamedTuple):
-    """The data of one seed."""
-
     series: Series
     truth: Truth
 
@@ -71,9 +68,8 @@ def study(
     entered: Mapping[str, Sequence[Contender]],
     written: Callable[[Results, Ready], Report],
 ) -> Study:
-    """The contenders `entered` by recording, each over the building of every seed (`seeds` of them, unless others are
-    asked for); LEAST_SQUARES is a fit, KNOWING is told of the gain as well. ReplayError where `request` cannot be
-    met."""
+    """The contenders `entered` by recording, each over the building of every seed (`seeds` if none are asked for);
+    LEAST_SQUARES is a fit, KNOWING is told of the gain as well. Raises ReplayError."""
     request.accept("data", "seeds", "days", "particles")
     cases = {seed: simulated_case(request, seed) for seed in steps(request.seeds_or(seeds), "simulating")}
     jobs = [

@@ -28,7 +28,6 @@ TARGETS: Mapping[str, Mapping[str, Wanted]] = {
     of: {figure: WANTED[kind](*given) for figure, row in table.items() for kind, given in row.items()}
     for of, table in _DATA["targets"].items()
 }
-"""What the contenders whose label matches are held to, by figure."""
 
 
 def contenders() -> list[Contender]:
