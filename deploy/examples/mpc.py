@@ -291,7 +291,8 @@ def thermostat(settings: Settings, temperature: float, heating: bool, low: float
 
 def held(settings: Settings, decision: Decision, time: float, temperature: float) -> float:
     """The power [W] in the first step of a plan, after `temperature` [degC] was measured at `time`, UTC s: what was
-    planned, and what brings the room back to the planned temperature within a step; none more while it is warm."""
+    planned, and what brings the room back to the planned temperature within a step; nothing is added while the room is
+    warm enough."""
     since = time - decision.start
     if since < 0.0 or decision.per_watt <= 0.0:
         return decision.power
@@ -351,7 +352,7 @@ def decide(
 
     `temperature` [degC] is measured, `heating` says whether it is heated now; `prices` and `low` are the price and the
     lower end of comfort of as many steps as asked for, from now on. `before` is what is left of the last plan [W], if
-    there was one. The thermostat keeps the highest `low` of the next hour.
+    there was one. The thermostat keeps the highest `low` of the next hour, so that a room is warm when a setback ends.
 
     The plan stays above the lower end of the band by what is uncertain of the next moment, for the next look can add
     heat; below its upper end by that of up to an hour, for heat cannot be taken back.

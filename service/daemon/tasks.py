@@ -9,7 +9,9 @@ _AGAIN_SECONDS = 0.5
 
 
 async def end(tasks: Collection[asyncio.Future[Any]]) -> None:
-    """Cancel `tasks` until they are over: `asyncio.wait_for` of Python 3.11 may pass over a cancellation."""
+    """Cancel `tasks` and wait until they are over, whatever comes of them. One cancellation may not be enough:
+    `asyncio.wait_for` of Python 3.11, in which the Modbus library waits for its answers, passes over one that meets an
+    answer."""
     pending = set(tasks)
     while pending:
         for task in pending:

@@ -144,8 +144,8 @@ def members(site: str) -> set[str]:
 
 
 def remember(site: str, plan: Plan) -> None:
-    """Keep `plan` where the cluster keeps the code of its actors, and in the same form: who can write there runs what
-    they like anyway."""
+    """Keep `plan` where the cluster keeps its actors, and in the form in which Ray keeps them there. Whoever can write
+    there runs what they like on every machine of the cluster: Ray keeps the code of its actors there."""
     _internal_kv_put(_PLAN, cloudpickle.dumps(plan), overwrite=True, namespace=namespace(site).encode())
 
 

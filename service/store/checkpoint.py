@@ -1,6 +1,7 @@
 """Checkpoints: the state of a zone on disk, whole or not at all, as one uncompressed NumPy `.npz`, never pickle:
-`<directory>/<zone>/<step>.npz`. Beside the arrays it holds a header (format version, fingerprint, step, meta, and what
-`thermogate inspect` tells of it) and a digest over all of them."""
+`<directory>/<zone>/<step>.npz`. It is written to a temporary file, fsynced, renamed, and its directory fsynced, so that
+a crash leaves either the old set or the new one. Beside the arrays it holds a header (format version, fingerprint,
+step, meta, and what `thermogate inspect` tells of it) and a digest over all of them."""
 
 import hashlib
 import io

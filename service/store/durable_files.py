@@ -12,7 +12,8 @@ TEMPORARY = ".tmp"
 
 
 def make_folder(folder: Path) -> None:
-    """Make `folder` and what is missing above it, durably, for its owner alone; OSError where that fails."""
+    """Make `folder` and what is missing above it, durably; OSError where that fails. Only the owner can look in: what a
+    daemon knows of a home tells when people are there."""
     if folder.is_dir():
         return
     make_folder(folder.parent)
@@ -30,7 +31,8 @@ def sync_folder(folder: Path) -> None:
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write `content` durably, but for the name in the folder, for the owner alone; OSError for a link."""
+    """Write `content` to `path`, durable on return but for its name in the folder. Only the owner can read it; OSError
+    for a link."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW
     with open(os.open(path, flags, 0o600), "wb") as file:
         file.write(content)

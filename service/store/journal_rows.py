@@ -1,6 +1,7 @@
-"""Rows of the journal, and the checksums that tell damage. The row of a sample ends with a link, the CRC-32 over the
-row that is begun with the link of the sample before it: neither a changed row nor a missing one in the middle passes. A
-history row has a CRC-32 of its own. Set-point and gain enter a checksum only where they have a value."""
+"""Rows of the journal, and the checksums that tell damage, for SQLite does not notice a flipped bit in a value. The row
+of a sample ends with a link, the CRC-32 over the row that is begun with the link of the sample before it: neither a
+changed row nor a missing one in the middle passes. A history row has a CRC-32 of its own. Set-point and gain enter a
+checksum only where they have a value."""
 
 import logging
 import math

@@ -119,8 +119,9 @@ class JournalStore(ABC):
         return last
 
     async def set_back(self, zone: str, before: Checkpoint | None, then: Checkpoint | None, after: int) -> None:
-        """Set aside what there is of `zone` later than `after`, from its state `before` to the one `then`. A crash at
-        any moment leaves one of the two, so that the zone can be set back once more."""
+        """Set aside what there is of `zone` later than `after`. `before` is its present state, `then` the one with
+        which it goes on. A crash at any moment leaves `before`, which nothing follows in the journal, or the end: so
+        the zone can be set back once more with the same result."""
         for checkpoint in (before, then):
             if checkpoint is not None:
                 await asyncio.to_thread(self.checkpoints.save, zone, checkpoint, keep_all=True)

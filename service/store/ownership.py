@@ -58,8 +58,9 @@ def _is_foreign(folder: os.stat_result) -> bool:
 
 
 def others_can_change(folder: os.stat_result, trusted: Collection[int]) -> bool:
-    """Whether an account beside the `trusted` ones (user ids) and the groups of this process can change files in
-    `folder`, which in one such as /tmp each account does with its own alone."""
+    """Whether an account beside the `trusted` ones (user ids) can put files into `folder`, or others in their place.
+    The groups of this process are trusted, and a folder such as /tmp, where each account replaces its own files
+    alone."""
     own_group = folder.st_gid in (os.getegid(), *os.getgroups())
     writable = folder.st_mode & (stat.S_IWOTH if own_group else stat.S_IWGRP | stat.S_IWOTH)
     return bool(writable and not folder.st_mode & stat.S_ISVTX) or folder.st_uid not in trusted

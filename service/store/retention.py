@@ -1,7 +1,8 @@
 """What the journal keeps: `keep_history` of every zone, within `max_journal` in all, and the samples of a zone after
-its oldest checkpoint in any case. Age counts from a zone's newest sample. After a leap in time, which is an outage or a
-clock that was set wrong, nothing counts as old until a day of samples has followed, nor until a day has gone by since
-the clock of this machine was set; and what goes at once is a week at most, which the log tells."""
+its oldest checkpoint in any case, which a start may need. Age counts from a zone's newest sample, so that a recording
+of another year is not old by itself. After a leap in time, which is an outage or a clock that was set wrong, nothing
+counts as old until a day of samples has followed, nor until a day has gone by since the clock of this machine was set;
+and what goes at once is a week at most, which the log tells."""
 
 import logging
 import math

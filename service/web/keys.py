@@ -1,5 +1,5 @@
-"""API keys: made, listed and revoked in a file, and recognised by a running daemon. A key is 256 random bits, which
-nobody can search: its plain SHA-256 is stored."""
+"""API keys: made, listed and revoked in a file, and recognised by a running daemon. A key is 256 random bits. What is
+stored is its SHA-256: nobody can search 2^256 keys, so a slow or salted hash would only make every request slower."""
 
 import fcntl
 import hashlib
@@ -74,8 +74,8 @@ class _Content(BaseModel, extra="forbid", frozen=True):
 
 
 def read_keys(path: Path, at: Path | None = None) -> tuple[Key, ...]:
-    """Every key in the file `at` or `path`, also revoked ones, if there is one. KeyFileError if it cannot be
-    trusted."""
+    """Every key in the file, revoked ones too; none if there is no file. KeyFileError if it cannot be trusted. `at` is
+    how to reach it where that is not by `path`."""
     try:
         descriptor = os.open(at or path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
@@ -165,12 +165,14 @@ class KeyRing:
 
     @property
     def in_force(self) -> bool:
-        """Whether requests need a key: if required, or from the first key on, and still if keys go away."""
+        """Whether requests need a key: always if required, otherwise from the first key on. It stays so if keys are
+        revoked or the file goes away: what took access away must not open the door."""
         self._follow()
         return self._in_force
 
     def find(self, secret: str) -> Key | None:
-        """The active key that `secret` is, in the same time whichever, or None. KeyFileError while nobody can say."""
+        """The active key that `secret` is; None if there is none. Takes equally long whichever it is. KeyFileError
+        while nobody can say, because the file cannot be read or trusted."""
         self._follow()
         if self._file.complaint:
             raise KeyFileError("the API keys cannot be read now; the log of the daemon says why")

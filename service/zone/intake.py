@@ -166,7 +166,8 @@ class Intake:
 
     async def accept(self, samples: Sequence[Sample]) -> None:
         """Make samples durable and hand them to the worker. Those of a live zone are nowhere else, as their intervals
-        have closed: they go on also where the source that brought them is stopped meanwhile."""
+        have closed: they go on also where the source that brought them is stopped meanwhile. A recording brings its own
+        again."""
         if not (self.live and samples):
             await self._accept(samples)
             return

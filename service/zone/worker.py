@@ -1,6 +1,7 @@
 """One zone's estimator at work: samples in, updates out, synchronous and deterministic. The worker is
 `estimator.loop.Loop` in time: it decides which sample continues a segment, which inputs are too old to be held and when
-the zone stalls, and states what the loop has found as the records that are published."""
+the zone stalls, and states what the loop has found as the records that are published. What it publishes is exactly what
+the next sample scores. The daemon and `thermogate replay` run this same worker."""
 
 import time
 from collections.abc import Mapping, Sequence
