@@ -16,6 +16,7 @@ there.
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -200,7 +201,8 @@ class Loop:
         could not be explained, the thermal states begin at it, and at least one output must be measured.
         """
         estimator, inputs = self.estimator, carried.held.values
-        drive = self.driving(np.array([float(time)]), inputs[None])[0]
+        # Of the step that ended with the sample the heat of habits is asked for, which its time alone decides.
+        ended, drive = self.driving(np.array([time - self.estimator.period, time]), np.stack([inputs, inputs]))
         posterior, verified, issued, vanished, started = self._assimilated(carried, time, outputs, drive, continues)
         day, before = with_inputs(carried.day, time, inputs), carried.record
         standing, ahead = self._predicted(posterior.state, verified, issued, drive)
@@ -222,15 +224,8 @@ class Loop:
         if not self._single_steps and due(estimator.network, before, record, time, period, self._seed, every):
             after = after._replace(diagnosis=self.diagnose(after))
         scored = carried.standing.forecast if continues and carried.standing is not None else None
-        return Step(after, posterior, self._disturbance(posterior, time, inputs), started, scored, ahead)
-
-    def _disturbance(self, posterior: Posterior, time: int, inputs: Array) -> Callable[[], Disturbance] | None:
-        """What `posterior` knows of the unmeasured after the sample at `time`. It depends on the time of the step that
-        ended then, and not on its `inputs` (n_u,)."""
-        told = posterior.disturbance
-        if told is None:
-            return None
-        return lambda: told(self.driving(np.array([float(time - self.estimator.period)]), inputs[None])[0])
+        disturbance = None if posterior.disturbance is None else partial(posterior.disturbance, ended)
+        return Step(after, posterior, disturbance, started, scored, ahead)
 
     def _predicted(
         self, state: Any, verified: Verified | None, issued: Issued, drive: Array

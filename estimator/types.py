@@ -57,7 +57,7 @@ class Mixture(NamedTuple):
 
     def _weighted(self, rows: Array) -> Array:
         # A sum of NumPy's own: a matrix product may depend on how many threads its library takes.
-        found: Array = (rows * self.weights).sum(axis=1)
+        found: Array = np.add.reduce(rows * self.weights, axis=1)
         return found
 
 

@@ -39,8 +39,8 @@ def due(network: Network, before: Record, after: Record, time: int, period: int,
     phase = seed % every
     if (time + phase) // every != (time + period + phase) // every:
         return True
-    heat = [network.inputs.index(channel) for channel in known_heat(network)]
-    return bool((after.largest[heat] > _MORE_POWER * before.largest[heat]).any())
+    more = after.largest > _MORE_POWER * before.largest
+    return bool(more.any()) and any(more[network.inputs.index(channel)] for channel in known_heat(network))
 
 
 def diagnose(

@@ -71,10 +71,9 @@ def paths(size, topology, shape, settings, seed, origin, normal_stream, uniform_
     n, terms, free = len(size), shape.term_place.shape[0], shape.free.shape[0]
     channels, (whole, count) = plan.shape[1] - terms, start.state.shape
     blocks, gains = start.log_alpha.shape[0], start.gain_on.shape[0]
-    normals, uniforms = (
-        np.empty((padded(n + 2 * blocks + 2 * gains), WIDTH)),
-        np.empty((padded(blocks + 2 * gains), WIDTH)),
-    )
+    normals = np.empty((padded(n + 2 * blocks + 2 * gains), WIDTH))
+    uniforms = np.zeros((padded(blocks + 2 * gains), WIDTH))
+    switches = blocks > 0 or settings.on_probability > 0.0 or settings.off_probability > 0.0
     at, theta, log_alpha = memory(size), np.empty((shape.fixed.shape[0], WIDTH)), np.empty((blocks, WIDTH))
     state, now, later = np.empty((whole, WIDTH)), np.empty((n, WIDTH)), np.empty((n, WIDTH))
     gain, on, hours = np.empty(WIDTH), np.empty((1, WIDTH)), np.empty((1, WIDTH))
@@ -97,7 +96,8 @@ def paths(size, topology, shape, settings, seed, origin, normal_stream, uniform_
         for ahead in range(plan.shape[0]):
             step = origin + np.uint64(ahead + 1)
             fill(seed, step, normal_stream, True, first, width, normals)
-            fill(seed, step, uniform_stream, False, first, width, uniforms)
+            if switches:
+                fill(seed, step, uniform_stream, False, first, width, uniforms)
             for b in range(blocks):
                 for w in range(width):
                     log_alpha[b, w] = moved_volatility(

@@ -110,7 +110,8 @@ class Network:
     """Heat that is known up to coefficients."""
 
     def __hash__(self) -> int:
-        return hash(self.name)
+        # The members of a bank have networks of one name, which are compared field by field where hashes are equal.
+        return hash((self.name, len(self.heat_inputs), len(self.terms)))
 
     @cached_property
     def nodes(self) -> tuple[str, ...]:

@@ -72,6 +72,8 @@ class AsIssued:
         """After the sample at `time` [UTC s], whose first output was `y`, NaN where it is missing; `before` (m,) are
         those of the samples before it in its segment, newest last."""
         waiting, book = issued
+        if not (waiting.due <= waiting.step).any():
+            return issued
         for row in np.flatnonzero(waiting.due == waiting.step).tolist():
             horizon = int(waiting.horizon[row])
             persistence = _back(before, self._leads[horizon])
