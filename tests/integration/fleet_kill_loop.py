@@ -42,6 +42,8 @@ LOOKED_AT = 40
 """Rooms that the ledger and the loop ask for: enough to be on every shard."""
 ASKED_AT_ONCE = 8
 POST_SECONDS = 0.5
+PAUSE = 1.0
+"""s between two looks at all rooms: a gateway takes half a second of processor time to list 2,000."""
 PATIENCE = 200.0
 """s after which something that should come about is given up. With 2,000 rooms on two cores the longest took 71 s,
 nearly all of it processor time: the less of that the fleet gets beside other work, the more patience it wants."""
@@ -90,7 +92,7 @@ class Loop:
         began = time.monotonic()
         until(lambda: self._look(fleet) and self._is_whole(fleet), "the fleet", self._patience)
         first = self._patience + 5 * PERIOD / self._pace
-        until(lambda: min(self._samples().values(), default=0) > 3, "samples of every room", first)
+        until(lambda: min(self._samples().values(), default=0) > 3, "samples of every room", first, PAUSE)
         with Ledger(self._folder / "ledger.jsonl", self._urls, self._looked_at, self._key) as ledger:
             with repeated(self._post, POST_SECONDS):
                 for number in range(self._kills):
@@ -103,7 +105,7 @@ class Loop:
             text = self._config.read_text(encoding="utf-8")
             self._config.write_text(text.replace(f"pace = {self._pace}", 'pace = "max"'), encoding="utf-8")
             fleet.process.send_signal(signal.SIGHUP)
-            until(lambda: self._look(fleet) and self._has_ended(), "the end of the recording", 6 * self._patience)
+            until(lambda: self._look(fleet) and self._has_ended(), "the end", 6 * self._patience, PAUSE)
             ledger.close()
             return self._compared(ledger, acknowledged, began)
 
@@ -128,7 +130,7 @@ class Loop:
             return bool(now) and all(now.get(room, 0) > before.get(room, 0) + 1 for room in self._rooms)
 
         for what_is, found in ((FORECASTS, lambda: self._all_forecast(silent)), (GOES_ON, goes_on)):
-            until(lambda found=found: self._look(fleet) and found(), what_is, self._patience)
+            until(lambda found=found: self._look(fleet) and found(), what_is, self._patience, PAUSE)
             self._times[what_is].append(round(time.monotonic() - at, 2))
         if what == "machine frozen":
             machine.thaw()

@@ -56,9 +56,9 @@ def tree(pid: int) -> list[int]:
     return found
 
 
-def until(found: Callable[[], Found], what: str, patience: float = PATIENCE) -> Found:
-    """What `found` returns, once that is true."""
-    return wait_until(found, lambda: f"waited {patience:.0f} s in vain for {what}", patience)
+def until(found: Callable[[], Found], what: str, patience: float = PATIENCE, pause: float = 0.05) -> Found:
+    """What `found` returns, once that is true, asked every `pause` s."""
+    return wait_until(found, lambda: f"waited {patience:.0f} s in vain for {what}", patience, pause)
 
 
 class Machine(Program):

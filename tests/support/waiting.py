@@ -25,12 +25,14 @@ def between(begin: float, moment: float | None, end: float) -> bool:
     return moment is not None and begin - 0.001 <= moment <= end + 0.001
 
 
-def wait_until(done: Callable[[], Found], told: Callable[[], object] = lambda: "", patience: float = PATIENCE) -> Found:
-    """What `done` returns, once that is true, waited for in this thread; fails with what is `told` if it never is."""
+def wait_until(
+    done: Callable[[], Found], told: Callable[[], object] = lambda: "", patience: float = PATIENCE, pause: float = 0.05
+) -> Found:
+    """What `done` returns, once that is true, asked every `pause` s; fails with what is `told` if it never is."""
     deadline = time.monotonic() + patience
     while not (found := done()):
         assert time.monotonic() < deadline, told()
-        time.sleep(0.05)
+        time.sleep(pause)
     return found
 
 
