@@ -46,6 +46,7 @@ def write_site(
     zenoh: sites.Table | None = None,
     sources: sites.Table | None = None,
     zones: Sequence[sites.Table] = (),
+    checkpoint_every: float = 2.0,
 ) -> Path:
     """The configuration of a campus beside its recording of so many `rows`; with more `sources` and `zones`."""
     log = write_recording(folder / "recording.csv", count, rows) | {"pace": pace}
@@ -59,7 +60,7 @@ def write_site(
         folder,
         {"log": log, "clients": {"kind": "http"}, **(sources or {})},
         [*own, posted(POSTED, 3600), *zones],
-        site={"id": site, "checkpoint_every": 2},
+        site={"id": site, "checkpoint_every": checkpoint_every},
         http={"port": 0},
         zenoh=zenoh or {"enabled": False},
         fleet={"database": database, "shards": shards, "shard_cpus": 1.0, "lease": lease},
