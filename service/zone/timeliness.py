@@ -54,7 +54,9 @@ class Timeliness:
         late = 0.0 if since is None else time.monotonic() - since
         if late <= self.patience:
             return None
+        # To two figures: whoever tells how a zone is doing tells it again when that changes.
+        about = float(f"{late:.2g}")
         return (
-            f"its estimator is {late:.1f} s behind its telemetry, of which a sample comes every {self.patience:g} s; "
+            f"its estimator is {about:g} s behind its telemetry, of which a sample comes every {self.patience:g} s; "
             "take fewer particles, a longer period or a faster machine"
         )
