@@ -68,17 +68,16 @@ class Announcement:
         reports: Reports = NO_REPORTS,
     ) -> None:
         """Before the first update of the zone there is a status alone to tell."""
-        self.zone, self.state = zone, state
+        self.site, self.zone, self.state = site, zone, state
         self.status, self.update = state.status, state.update
         self.occasion = Occasion.STATUS if state.update is None else occasion
         judged = reports.trust is not None and bool(reports.trust.horizons)
         self.reports = reports if judged else reports._replace(trust=None)
-        self._site = site
         self._rendered: dict[str, bytes] = {}
 
     def __reduce__(self) -> tuple[object, ...]:
         """Without what was rendered."""
-        return Announcement, (self._site, self.zone, self.state, self.occasion, self.reports)
+        return Announcement, (self.site, self.zone, self.state, self.occasion, self.reports)
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -103,7 +102,7 @@ class Announcement:
     def payload(self, topic: str, language: str = LANGUAGES[0]) -> bytes:
         """The document of `topic` in `language`; the forecast also where the status alone has changed."""
         if topic not in self._rendered:
-            self._rendered[topic] = document(self._told(topic), self._site, self.zone)
+            self._rendered[topic] = document(self._told(topic), self.site, self.zone)
         return told_in(language, self._rendered[topic]) if topic in _SPEAKING else self._rendered[topic]
 
     def _told(self, topic: str) -> Any:

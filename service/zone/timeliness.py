@@ -54,8 +54,8 @@ class Timeliness:
         late = 0.0 if since is None else time.monotonic() - since
         if late <= self.patience:
             return None
-        # To two figures: whoever tells how a zone is doing tells it again when that changes.
-        about = float(f"{late:.2g}")
+        # Roughly: whoever tells how a zone is doing tells it again when that changes.
+        about = round(late, 1 if late < 10.0 else -1)
         return (
             f"its estimator is {about:g} s behind its telemetry, of which a sample comes every {self.patience:g} s; "
             "take fewer particles, a longer period or a faster machine"

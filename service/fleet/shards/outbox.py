@@ -5,9 +5,10 @@ import secrets
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
+from typing import NamedTuple
 
 from service.fleet.messages import News
-from service.publish.sinks import Announcement, Occasion, Sink
+from service.publish.sinks import Announcement, Occasion, Reports, Sink
 from service.zone.zone import Zone
 
 PATIENCE = 2.0
@@ -16,6 +17,25 @@ GATHER = 0.05
 """How long news gather before they are told, s: one message for many zones."""
 LOOK = 1.0
 """How often it is looked whether a zone's status has changed by itself, as with the time, s."""
+
+
+_UPDATE = "update"
+
+
+class _Newest(NamedTuple):
+    """All that a zone has told last, and in which version."""
+
+    version: int
+    whole: Announcement
+    came: Mapping[str, int]
+    """The versions that brought its update, and each of its reports."""
+
+    def after(self, known: int) -> Announcement:
+        """What is new in it to who knows the version `known`: most of it comes seldom, and costs much to send."""
+        told, fresh = self.whole, {name for name, version in self.came.items() if version > known}
+        reports = Reports(**{name: report for name, report in told.reports._asdict().items() if name in fresh})
+        occasion = told.occasion if _UPDATE in fresh else Occasion.STATUS
+        return Announcement(told.site, told.zone, told.state, occasion, reports)
 
 
 class Outbox(Sink):
@@ -27,7 +47,7 @@ class Outbox(Sink):
         self._loop = asyncio.get_running_loop()
         self._lock = threading.Lock()
         self._version = 0
-        self._newest: dict[str, tuple[int, Announcement]] = {}
+        self._newest: dict[str, _Newest] = {}
         """In the order of their versions."""
         self._arrived = asyncio.Event()
         self.refused: dict[str, str] = {}
@@ -53,10 +73,10 @@ class Outbox(Sink):
                     await asyncio.sleep(GATHER)
         with self._lock:
             version, fresh = self._version, []
-            for at, news in reversed(self._newest.values()):
-                if at <= known:
+            for newest in reversed(self._newest.values()):
+                if newest.version <= known:
                     break
-                fresh.append(news)
+                fresh.append(newest.after(known))
         return News(self._boot, version, fresh[::-1], dict(self.refused))
 
     async def watch(self) -> None:
@@ -65,15 +85,21 @@ class Outbox(Sink):
             await asyncio.sleep(LOOK)
             for name, zone in self.zones.items():
                 state, told = zone.now(), self._newest.get(name)
-                if told is None or told[1].status._replace(now=None) != state.status._replace(now=None):
+                if told is None or told.whole.status._replace(now=None) != state.status._replace(now=None):
                     self._keep(Announcement(self._site, name, state, Occasion.STATUS))
 
     def _keep(self, news: Announcement) -> None:
         with self._lock:
             self._version += 1
-            _, before = self._newest.pop(news.zone, (0, news))
-            occasion = before.occasion if news.occasion is Occasion.STATUS else news.occasion
-            whole = Announcement(self._site, news.zone, news.state, occasion, news.reports.beside(before.reports))
-            self._newest[news.zone] = self._version, whole
+            before = self._newest.pop(news.zone, None) or _Newest(0, news, {})
+            brought = [name for name, report in news.reports._asdict().items() if report is not None]
+            occasion = before.whole.occasion
+            if news.occasion is not Occasion.STATUS:
+                occasion, brought = news.occasion, [_UPDATE, *brought]
+            reports = news.reports.beside(before.whole.reports)
+            whole = Announcement(self._site, news.zone, news.state, occasion, reports)
+            self._newest[news.zone] = _Newest(
+                self._version, whole, {**before.came, **dict.fromkeys(brought, self._version)}
+            )
         with suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._arrived.set)
