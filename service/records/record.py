@@ -87,7 +87,16 @@ def hidden(*, default: Any, kw_only: bool = False) -> Any:
 def record(kind: type[Kind]) -> type[Kind]:
     """Decorator: `kind` is a record."""
     kind.__pydantic_config__ = {"extra": "forbid"}  # type: ignore[attr-defined]
-    return dataclass(frozen=True, slots=True)(kind)
+    made: Any = dataclass(frozen=True, slots=True)(kind)
+    slots = [getattr(made, name) for name in names(made)]
+
+    def set_state(one: Any, state: Iterable[Any]) -> None:
+        for slot, value in zip(slots, state, strict=True):
+            slot.__set__(one, value)
+
+    # A fleet unpickles records all the time, and dataclasses look up their fields for each.
+    made.__setstate__ = set_state
+    return made
 
 
 @cache

@@ -42,9 +42,9 @@ LOOKED_AT = 40
 """Rooms that the ledger and the loop ask for: enough to be on every shard."""
 ASKED_AT_ONCE = 8
 POST_SECONDS = 0.5
-CHECKPOINT = 0.03
+CHECKPOINT = 0.06
 """s between two checkpoints of the whole fleet; each takes a processor 13 ms."""
-PAUSE = 1.0
+PAUSE = 3.0
 """s between two looks at all rooms: a gateway takes half a second of processor time to list 2,000."""
 PATIENCE = 200.0
 """s after which something that should come about is given up. With 2,000 rooms on two cores the longest took 71 s,
@@ -130,8 +130,8 @@ class Loop:
             now = self._samples()
             return bool(now) and all(now.get(room, 0) > before.get(room, 0) + 1 for room in self._rooms)
 
-        for what_is, found in ((FORECASTS, lambda: self._all_forecast(silent)), (GOES_ON, goes_on)):
-            until(lambda found=found: self._look(fleet) and found(), what_is, self._patience, PAUSE)
+        for what_is, found, pause in ((FORECASTS, lambda: self._all_forecast(silent), 0.5), (GOES_ON, goes_on, PAUSE)):
+            until(lambda found=found: self._look(fleet) and found(), what_is, self._patience, pause)
             self._times[what_is].append(round(time.monotonic() - at, 2))
         if what == "machine frozen":
             machine.thaw()
