@@ -24,8 +24,9 @@ from support.schemas import models
 from adapters.bacnet import config as bacnet
 from adapters.channel import ChannelConfig, LiveConfig, SourceConfig
 from adapters.fields import values
-from adapters.fields.durations import format_duration, format_size, parse_duration
+from adapters.fields.durations import format_duration, parse_duration
 from adapters.fields.logins import CertificatesConfig, LoginConfig
+from adapters.fields.sizes import format_size
 from adapters.kinds import SOURCE_KINDS
 from adapters.messages.config import MessageChannelConfig, pointer
 from adapters.mqtt.broker import BrokerConfig

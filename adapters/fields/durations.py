@@ -1,15 +1,13 @@
-"""Durations ("30s", "5min", "1h", "7d", or a number of seconds) and sizes ("500MB", "2GB", or a number of bytes)."""
+"""Durations as people write them in a configuration: "30s", "5min", "1h", "7d", or a number of seconds."""
 
-import math
 import re
 from collections.abc import Mapping
 
-from adapters.fields.numbers import number_in, whole_in
+from adapters.fields.numbers import number_in
 
 DAY = 86400.0
 _LONGEST = 36525 * DAY
 
-_BYTES = {"TB": 10**12, "GB": 10**9, "MB": 10**6, "kB": 10**3}
 _SECONDS = {"d": DAY, "h": 3600.0, "min": 60.0, "s": 1.0}
 _PATTERN = re.compile(r"\s*(\d+(?:\.\d+)?(?:e[+-]?\d+)?)\s*([A-Za-z]+)\s*", re.ASCII)
 
@@ -50,19 +48,3 @@ def spoken_duration(seconds: float) -> str:
         if seconds and seconds % _SECONDS[unit] == 0:
             return f"{seconds / _SECONDS[unit]:.0f} {unit}"
     return f"{seconds:g} s"
-
-
-def parse_size(value: object) -> int:
-    """Bytes in `value`; ValueError with one sentence when it is no size."""
-    size = in_units(value, _BYTES) if isinstance(value, str) else whole_in(value, lower=0)
-    if size is None or not math.isfinite(size):
-        raise ValueError(
-            f'{as_written(value)} is not a size; write a number with kB, MB, GB or TB, such as "500MB" or "2GB", or a '
-            "whole number of bytes"
-        )
-    return round(size)
-
-
-def format_size(size: int) -> str | int:
-    """The shortest way to write `size` that `parse_size` reads back to the same number."""
-    return next((f"{size // one}{unit}" for unit, one in _BYTES.items() if size and size % one == 0), size)

@@ -12,8 +12,9 @@ from zoneinfo import ZoneInfo, available_timezones
 from pydantic import AfterValidator, BeforeValidator, PlainSerializer, PlainValidator, ValidationInfo
 
 from adapters.errors import SourceConfigError
-from adapters.fields.durations import DAY, format_duration, format_size, parse_duration, parse_size
+from adapters.fields.durations import DAY, format_duration, parse_duration
 from adapters.fields.numbers import is_level, number_in, whole_in
+from adapters.fields.sizes import format_size, parse_size
 from adapters.fields.words import shown
 from adapters.holidays import public_holidays
 from adapters.timestamps import timestamp_parser
