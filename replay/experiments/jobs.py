@@ -9,16 +9,15 @@ import os
 import pickle
 import re
 import signal
-import sys
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from functools import cache
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,11 +28,10 @@ import replay
 import service
 from estimator.errors import EstimatorError
 from replay.errors import ReplayError
+from replay.experiments.progress import steps
 from replay.processes import importing_once
-from service.recordings.progress import SLOW
 
 Arrays = dict[str, npt.NDArray[Any]]
-Item = TypeVar("Item")
 
 
 class Job(NamedTuple):
@@ -144,8 +142,3 @@ def save(path: Path, arrays: Arrays) -> None:
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)
-
-
-def steps(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:
-    """`items`, while a terminal shows how many of `total` are done and how much time is left."""
-    return iter(tqdm(items, desc=what, total=total, unit="", delay=SLOW, leave=False, disable=not sys.stderr.isatty()))

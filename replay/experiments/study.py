@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replay.experiments.jobs import Arrays, Job, steps
+from replay.experiments.jobs import Arrays, Job
+from replay.experiments.progress import steps
 from replay.reports.kit.report import Report, Section
 from replay.reports.kit.table import Cell, Spread, Table, spread
 from replay.reports.kit.verdict import Verdict, verdict_table

@@ -21,7 +21,7 @@ from replay.experiments.hours_ahead.forecasts import PERSISTENCE, PlainRun, lead
 from replay.experiments.hours_ahead.recordings import Recording
 from replay.experiments.hours_ahead.runs import run_hours
 from replay.experiments.jobs import Arrays, Job
-from replay.experiments.jobs import steps as shown
+from replay.experiments.progress import steps as shown
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, built, steps
 from replay.experiments.study import Figures, Results, Study, targets

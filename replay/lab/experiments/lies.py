@@ -19,7 +19,8 @@ from replay.energyplus.library import library
 from replay.energyplus.plant import STEP
 from replay.energyplus.recording import record
 from replay.experiments.hours_ahead.runs import run_hours
-from replay.experiments.jobs import Arrays, Job, steps
+from replay.experiments.jobs import Arrays, Job
+from replay.experiments.progress import steps
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Series
 from replay.experiments.study import Figures, Results, Study

@@ -17,7 +17,7 @@ from replay.energyplus.recording import Recording as Life
 from replay.energyplus.recording import record
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead.recordings import Known, Recording, of_zone
-from replay.experiments.jobs import steps
+from replay.experiments.progress import steps
 from replay.experiments.request import Request
 from replay.experiments.series.recorded_zone import ZoneRecord, bridged
 from replay.lab.experiments import rooms

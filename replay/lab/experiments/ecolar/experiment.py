@@ -6,7 +6,8 @@ import numpy as np
 
 from estimator.network.presets import PRESETS
 from replay.experiments.hours_ahead.recordings import Recording, of_zone
-from replay.experiments.jobs import Arrays, Job, steps
+from replay.experiments.jobs import Arrays, Job
+from replay.experiments.progress import steps
 from replay.experiments.request import Request, names_of
 from replay.experiments.series.filtering import FilterRun, Series, Trace
 from replay.experiments.series.least_squares import LeastSquaresRun, segments_of

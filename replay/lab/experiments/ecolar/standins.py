@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from replay.experiments.jobs import steps
+from replay.experiments.progress import steps
 from replay.experiments.series.recorded_zone import read_zone
 from replay.experiments.topology.candidates import SOLAR, ecolar_candidates
 from replay.experiments.topology.data import Recording

@@ -8,7 +8,8 @@ import numpy as np
 from estimator.arrays import Array
 from estimator.gaussian.floor import GAIN_CHANNEL, with_known_gain
 from estimator.network.presets import PRESETS
-from replay.experiments.jobs import Arrays, Job, steps
+from replay.experiments.jobs import Arrays, Job
+from replay.experiments.progress import steps
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Series, Trace, run_filter
 from replay.experiments.series.least_squares import LeastSquaresRun, fit, segments_of
