@@ -1,6 +1,5 @@
 """A real browser: Debian's chromium, driven by playwright. Without either, these tests are skipped with the reason."""
 
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import pytest
 from support.browser import browser
 from support.building import Building, building
+from support.processes import program
 from support.waiting import PATIENCE
 
 SCREENS = {
@@ -20,8 +20,7 @@ SCREENS = {
 def chromium() -> Iterator[Any]:
     """A browser for one module: playwright runs an event loop, beside which other tests could not run theirs."""
     pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[dev]'")
-    if shutil.which("chromium") is None:
-        pytest.skip("chromium is not installed: apt-get install chromium")
+    program("chromium", "chromium")
     with browser() as launched:
         yield launched
 

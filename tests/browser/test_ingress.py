@@ -1,6 +1,5 @@
 """The page within Home Assistant: in a frame, below a path of the Supervisor's, through the add-on's proxy."""
 
-import shutil
 import subprocess
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -10,15 +9,13 @@ from typing import Any
 from urllib.request import Request, urlopen
 
 import pytest
-from support.broker import SEARCH
 from support.browser import eventually
 from support.building import building
 from support.fake_zones import running
 from support.harness import ROOT
-from support.processes import free_port
+from support.processes import free_port, program
 from support.waiting import PATIENCE, wait_until
 
-NGINX = shutil.which("nginx", path=SEARCH)
 PREFIX = "/api/hassio_ingress/a-token/"
 
 
@@ -57,8 +54,7 @@ class Ingress(BaseHTTPRequestHandler):
 @pytest.fixture
 def home_assistant(tmp_path: Path) -> Iterator[str]:
     """The address of a Home Assistant whose add-on serves one room."""
-    if NGINX is None:
-        pytest.skip("nginx is not installed; on Debian: apt-get install nginx-light")
+    nginx = program("nginx", "nginx-light")
     shipped = (ROOT / "deploy" / "home-assistant" / "addon" / "thermogate" / "nginx.conf").read_text(encoding="utf-8")
     assert "allow 172.30.32.2;\n    deny all;" in shipped
     Ingress.proxy = free_port()
@@ -69,7 +65,7 @@ def home_assistant(tmp_path: Path) -> Iterator[str]:
             assert old in shipped
             shipped = shipped.replace(old, new)
         (tmp_path / "nginx.conf").write_text(shipped)
-        with subprocess.Popen([NGINX, "-c", tmp_path / "nginx.conf", "-g", "daemon off;"]) as nginx:
+        with subprocess.Popen([nginx, "-c", tmp_path / "nginx.conf", "-g", "daemon off;"]) as proxy:
             with ThreadingHTTPServer(("127.0.0.1", 0), Ingress) as supervisor:
                 supervisor.daemon_threads = True
                 supervisor.block_on_close = False
@@ -77,7 +73,7 @@ def home_assistant(tmp_path: Path) -> Iterator[str]:
                 wait_until((tmp_path / "nginx.pid").exists)
                 yield f"http://127.0.0.1:{supervisor.server_port}"
                 supervisor.shutdown()
-            nginx.terminate()
+            proxy.terminate()
 
 
 def test_the_page_lives_in_the_frame_of_home_assistant(visit: Any, home_assistant: str) -> None:

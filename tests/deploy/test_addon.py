@@ -17,9 +17,9 @@ from typing import Any
 import jsonschema
 import pytest
 import yaml
-from support.broker import Mosquitto, Party, broker, program
+from support.broker import Mosquitto, Party, broker
 from support.harness import ROOT, ask
-from support.processes import Program
+from support.processes import Program, program
 from support.recorder import database
 from support.waiting import PATIENCE, wait_until
 from support.web_answers import answering
@@ -113,7 +113,7 @@ def house() -> Iterator[House]:
 def site(tmp_path: Path, house: House) -> Iterator[Mosquitto]:
     """A broker that takes one user, which the Supervisor knows."""
     passwords = tmp_path / "passwords"
-    subprocess.run([program("mosquitto_passwd"), "-b", "-c", passwords, "addons", "secret"], check=True)
+    subprocess.run([program("mosquitto_passwd", "mosquitto"), "-b", "-c", passwords, "addons", "secret"], check=True)
     with broker(tmp_path, "allow_anonymous false", f"password_file {passwords}") as running:
         house.mqtt = {"host": "127.0.0.1", "port": running.port, "ssl": False, "protocol": "3.1.1"}
         house.mqtt |= {"username": "addons", "password": "secret"}

@@ -3,7 +3,6 @@
 import asyncio
 import json
 import re
-import shutil
 import subprocess
 import time
 from collections.abc import Iterator
@@ -18,6 +17,7 @@ from support.broker import Party, broker
 from support.fake_zones import doubted, make_update, running, skill_over
 from support.harness import EXAMPLES, ROOT, Daemon
 from support.home_assistant import HomeAssistant
+from support.processes import program
 from support.running_zone import Announced
 
 from adapters.mqtt.broker import BrokerConfig
@@ -101,11 +101,10 @@ def problem(house: HomeAssistant) -> dict[str, Any]:
 
 def generated(body: str, attributes: dict[str, Any]) -> Any:
     """The points that a generator of an ApexCharts card draws, whose body is JavaScript over an `entity`."""
-    if (node := shutil.which("node")) is None:
-        pytest.skip("Node.js is not installed")
     entity = json.dumps({"attributes": attributes})
     script = f"process.stdout.write(JSON.stringify(new Function('entity', {json.dumps(body)})({entity})))"
-    return json.loads(subprocess.run([node, "-e", script], check=True, capture_output=True, text=True).stdout)
+    command = [program("node", "nodejs"), "-e", script]
+    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
 def announced(name: str) -> Announcement:

@@ -1,7 +1,5 @@
 """The other side of MQTT: mosquitto as a process of its own on loopback, and clients that publish and listen there."""
 
-import os
-import shutil
 import subprocess
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -9,19 +7,8 @@ from pathlib import Path
 from typing import Any, Self
 
 import paho.mqtt.client as paho
-import pytest
-from support.processes import Program, free_port, listens
+from support.processes import Program, free_port, listens, program
 from support.waiting import PATIENCE
-
-SEARCH = f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin"
-
-
-def program(name: str) -> str:
-    """Where a program of mosquitto's is; skips where it is not installed."""
-    found = shutil.which(name, path=SEARCH)
-    if found is None:
-        pytest.skip(f"{name} is not installed; on Debian: apt-get install mosquitto")
-    return found
 
 
 class Mosquitto:
@@ -38,7 +25,7 @@ class Mosquitto:
         self._running: Program | None = None
 
     def start(self) -> None:
-        command = [program("mosquitto"), "-c", self._config]
+        command = [program("mosquitto", "mosquitto"), "-c", self._config]
         self._running = Program(command, self._config.with_suffix(".log"))
         self._running.wait_for(lambda: listens(self.port))
 
@@ -61,7 +48,7 @@ def broker(folder: Path, *lines: str, listener: Sequence[str] = ()) -> Iterator[
 def flood(port: int, topic: str, payloads: Iterable[str]) -> None:
     """Publish as fast as mosquitto's own client can."""
     lines = "".join(f"{payload}\n" for payload in payloads)
-    command = [program("mosquitto_pub"), "-h", "127.0.0.1", "-p", str(port), "-t", topic, "-l"]
+    command = [program("mosquitto_pub", "mosquitto-clients"), "-h", "127.0.0.1", "-p", str(port), "-t", topic, "-l"]
     subprocess.run(command, input=lines, text=True, check=True, timeout=PATIENCE)
 
 

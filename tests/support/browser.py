@@ -53,6 +53,15 @@ def axe_finds(page: Any) -> list[str]:
     return [f"{one['id']}: {node['html']}" for one in found for node in one["nodes"]]
 
 
+def hold_accessible(page: Any) -> None:
+    """Axe finds nothing in light and dark, and there is nothing to scroll sideways."""
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        assert axe_finds(page) == [], scheme
+    width = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
+    assert width[0] <= width[1], "nothing to scroll sideways"
+
+
 HELD = {"object", "array", "string", "concatenated string", "sliced string", "number", "closure", "regexp"}
 """What a page holds, in the words of a heap snapshot. The rest is the engine's own, above all the code that it goes on
 compiling for hours."""

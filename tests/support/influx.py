@@ -1,13 +1,11 @@
 """A real InfluxDB or VictoriaMetrics of a test's own."""
 
-import shutil
 import urllib.parse
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import pytest
-from support.processes import Program, fetch, free_port
+from support.processes import Program, fetch, free_port, program
 from support.waiting import wait_until
 
 
@@ -30,14 +28,12 @@ def serving(command, url):
 @contextmanager
 def server(folder, port):
     """InfluxDB at `port` with the database "house": the keys `url`, `user` and `password_file` of a table."""
-    if shutil.which("influxd") is None:
-        pytest.skip("InfluxDB is not installed here (Debian: influxdb)")
     settings = Path(__file__).with_name("influxdb.conf").read_text(encoding="utf-8")
     settings = settings.format(own=free_port(), port=port, folder=folder)
     (folder / "influxdb.conf").write_text(settings, encoding="utf-8")
     (folder / "password").write_text("test-only\n")
     table = {"url": f"http://127.0.0.1:{port}", "user": "reader", "password_file": folder / "password"}
-    with serving(["influxd", "-config", str(folder / "influxdb.conf")], f"{table['url']}/ping"):
+    with serving([program("influxd", "influxdb"), "-config", str(folder / "influxdb.conf")], f"{table['url']}/ping"):
         post(table, "/query", {"q": "CREATE USER reader WITH PASSWORD 'test-only' WITH ALL PRIVILEGES"})
         post(table, "/query", {"q": "CREATE DATABASE house"})
         yield table
@@ -45,10 +41,8 @@ def server(folder, port):
 
 def victoria(folder, port):
     """VictoriaMetrics at `port`."""
-    if shutil.which("victoria-metrics") is None:
-        pytest.skip("VictoriaMetrics is not installed here (Debian: victoria-metrics)")
-    command = ["victoria-metrics", f"-storageDataPath={folder}", f"-httpListenAddr=127.0.0.1:{port}"]
-    return serving([*command, "-retentionPeriod=10y"], f"http://127.0.0.1:{port}/ping")
+    command = [program("victoria-metrics", "victoria-metrics"), f"-storageDataPath={folder}", "-retentionPeriod=10y"]
+    return serving([*command, f"-httpListenAddr=127.0.0.1:{port}"], f"http://127.0.0.1:{port}/ping")
 
 
 def post(table, path, parameters, body=b""):

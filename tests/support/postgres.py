@@ -16,19 +16,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.processes import Program
+from support.processes import Program, program
 
 _SOCKET = ".s.PGSQL.5432"
 
 
-def program(name: str) -> str:
-    """Where a program of PostgreSQL's is; skips where it is not installed."""
+def _program(name: str) -> str:
+    """Where a program of the newest PostgreSQL is."""
     versions = sorted(Path("/usr/lib/postgresql").glob("*/bin"), key=lambda folder: float(folder.parent.name))
-    path = os.pathsep.join([str(folder) for folder in reversed(versions)] + [os.environ.get("PATH", "")])
-    found = shutil.which(name, path=path)
-    if found is None:
-        pytest.skip(f"{name} is not installed; on Debian: apt-get install postgresql")
-    return found
+    return program(name, "postgresql", first=os.pathsep.join(map(str, reversed(versions))))
 
 
 class Server:
@@ -37,7 +33,7 @@ class Server:
     def __init__(self, *settings: str, fsync: bool = False) -> None:
         """`settings` are of the form name=value."""
         pytest.importorskip("psycopg", reason="psycopg is not installed; say: make .venv/.fleet")
-        self._postgres, initdb = program("postgres"), program("initdb")
+        self._postgres, initdb = _program("postgres"), _program("initdb")
         # pytest's own folders let nobody else in, and the server will not run as root.
         self.folder = Path(tempfile.mkdtemp(prefix="thermogate-pg-", dir="/tmp"))
         self._log = self.folder / "log"
@@ -99,7 +95,7 @@ class Server:
 
     def command(self, name: str, *arguments: str) -> str:
         """Run one of PostgreSQL's programs as the owner of the server; what it prints."""
-        return self._done(program(name), "-h", str(self.folder), "-U", "postgres", *arguments)
+        return self._done(_program(name), "-h", str(self.folder), "-U", "postgres", *arguments)
 
     def _done(self, *words: str) -> str:
         done = subprocess.run([*self._as_owner, *words], cwd=self.folder, capture_output=True, text=True)
@@ -127,10 +123,8 @@ def server(*settings: str, fsync: bool = False) -> Iterator[Server]:
 
 def _as_owner(folder: Path) -> Sequence[str]:
     """What a program of the server's begins with; the `folder` is made its owner's."""
-    setpriv = shutil.which("setpriv")
-    if setpriv is None:
-        pytest.skip("setpriv is not installed; on Debian: apt-get install util-linux")
     # It does not outlive the tests, however they end.
+    setpriv = program("setpriv", "util-linux")
     words = [setpriv, "--pdeathsig=QUIT"]
     if os.geteuid() == 0:
         try:

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -14,8 +15,18 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Self
 
+import pytest
 from support.forked import Forked, forking
 from support.waiting import PATIENCE, Found, wait_until
+
+
+def program(name: str, package: str, first: str = "") -> str:
+    """Where a program is that a `package` of Debian brings, in folders `first` or the usual ones; skips without it."""
+    path = os.pathsep.join([first, os.environ.get("PATH", ""), "/usr/sbin", "/usr/local/sbin"])
+    found = shutil.which(name, path=path)
+    if found is None:
+        pytest.skip(f"{name} is not installed; on Debian: apt-get install {package}")
+    return found
 
 
 def free_port() -> int:

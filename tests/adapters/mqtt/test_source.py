@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.broker import Mosquitto, Party, broker, program
+from support.broker import Mosquitto, Party, broker
+from support.processes import program
 from support.sources import bound, source_table
 from support.tables import tabled
 from support.waiting import until
@@ -226,7 +227,7 @@ def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Mosquitt
     (folder / "right").write_text("s3cret\n", encoding="utf-8")
     (folder / "wrong").write_text("guess\n", encoding="utf-8")
     passwords = folder / "passwords"
-    subprocess.run([program("mosquitto_passwd"), "-c", "-b", passwords, "bms", "s3cret"], check=True)
+    subprocess.run([program("mosquitto_passwd", "mosquitto"), "-c", "-b", passwords, "bms", "s3cret"], check=True)
     listener = (f"cafile {folder}/ca.pem", f"certfile {folder}/server.pem", f"keyfile {folder}/server.key")
     with broker(folder, "allow_anonymous false", f"password_file {passwords}", listener=listener) as started:
         yield started, folder

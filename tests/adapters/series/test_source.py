@@ -1,14 +1,13 @@
 """Histories in databases of time series, read from a real Prometheus, VictoriaMetrics and InfluxDB."""
 
 import asyncio
-import shutil
 import subprocess
 import time
 from datetime import UTC, datetime
 
 import pytest
 from support import influx
-from support.processes import free_port
+from support.processes import free_port, program
 from support.sources import bound, source_table
 from support.waiting import wait_until
 from support.web_answers import answering
@@ -66,8 +65,7 @@ def of_prometheus(folder, port):
 @pytest.fixture(scope="module", params=["prometheus", "victoria-metrics"])
 def ranges(request, tmp_path_factory):
     """A database with range queries."""
-    if shutil.which(request.param) is None:
-        pytest.skip(f"{request.param} is not installed here (a package of Debian)")
+    program(request.param, request.param)
     folder, port = tmp_path_factory.mktemp(request.param), free_port()
     table = {"kind": "prometheus", "url": f"http://127.0.0.1:{port}"}
     if request.param == "prometheus":

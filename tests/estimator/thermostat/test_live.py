@@ -80,6 +80,12 @@ def lived():
     return Zone().run(data, 0, days * DAILY), data, days * DAILY
 
 
+def missed(fan, outputs):
+    """Root mean square of how far a fan's mean is off."""
+    means = (fan.outputs.means[:-1, 0] * fan.outputs.weights[:-1]).sum(axis=1)
+    return np.sqrt(np.mean((means - outputs) ** 2))
+
+
 def after(data, begin, steps=DAILY):
     outputs, inputs, wanted = (rows[begin : begin + steps] for rows in data)
     return outputs[:, 0], inputs, wanted
@@ -91,8 +97,7 @@ def test_under_a_plan_of_set_points_the_forecast_is_right_to_tenths_of_a_kelvin(
     blind = rows.copy()
     blind[:, 1] = zone.before[1]
     fan = zone.forecasts.planned(zone.live, zone.now(), wanted, ahead(blind))
-    means = (fan.outputs.means[:-1, 0] * fan.outputs.weights[:-1]).sum(axis=1)
-    assert np.sqrt(np.mean((means - outputs) ** 2)) < 0.3
+    assert missed(fan, outputs) < 0.3
     heat = (fan.heat.values[:, :, 0].T * fan.heat.weights).sum(axis=1)
     assert abs(heat.sum() / rows[:, 1].sum() - 1.0) < 0.1
     assert fan.chances.shape[1] == 0
@@ -140,9 +145,8 @@ def test_where_nobody_plans_a_regular_schedule_is_found_and_the_interval_is_hone
     blind = rows.copy()
     blind[:, 1] = zone.before[1]
     fan = zone.forecasts.unplanned(zone.live, zone.now(), ahead(blind))
-    means = (fan.outputs.means[:-1, 0] * fan.outputs.weights[:-1]).sum(axis=1)
     held = unfolded(zone.estimator, zone.state, blind)
-    assert np.sqrt(np.mean((means - outputs) ** 2)) < 0.4
+    assert missed(fan, outputs) < 0.4
     assert np.sqrt(np.mean([(held[k].mean()[0] - outputs[k]) ** 2 for k in range(DAILY)])) > 1.5
     chances = dict(zip(FUTURES, fan.chances[-1], strict=True))
     assert chances["as-yesterday"] + chances["as-usual"] + chances["as-last-week"] > 0.8

@@ -1,11 +1,11 @@
 """The page of a report in a real browser, without a network."""
 
-import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 from support.browser import axe_finds, browser
+from support.processes import program
 
 from replay.recorded.runner import replay_recording
 from replay.reports.publish import publish_report
@@ -20,8 +20,7 @@ def page(tmp_path_factory):
     """A tab with the report of two zones."""
     pytest.importorskip("playwright.sync_api", reason="playwright drives the browser")
     pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe looks at the page")
-    if shutil.which("chromium") is None:
-        pytest.skip("Debian's chromium is not installed")
+    program("chromium", "chromium")
     out = tmp_path_factory.mktemp("report")
     settings = [f'zones.{ZONE}.estimator="mkf"', f"zones.{ZONE}.estimator_options={{particles=16}}"]
     (trace,) = replay_recording(load(EXAMPLE, settings), out, progress=False)
