@@ -36,7 +36,10 @@ class Router:
         self._alone = set(self._zone_of.values()) == set(self.zones) and len(self.zones) == 1
 
     def split(self, batch: Batch) -> list[Delivery]:
-        """One delivery for every zone, also without readings: the clock concerns them all. Raises KeyError."""
+        """One delivery for every zone of the source, also without readings: the clock concerns them all.
+
+        Raises KeyError for a channel id that was never announced.
+        """
         if self._alone:
             return [Delivery(self.zones[0], self.source, batch.readings, batch.now)]
         shares: dict[str, list[Reading]] = {zone: [] for zone in self.zones}

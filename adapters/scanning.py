@@ -25,5 +25,6 @@ class Scannable(Protocol):
     """A source that can be scanned."""
 
     async def scan(self, wanted: Scan) -> Scanned:
-        """Look, reading only. Raises SourceUnavailable, and SourceConfigError for too much."""
+        """Look, reading only. Raises SourceUnavailable, and SourceConfigError where `wanted` is more than one scan
+        may be."""
         ...

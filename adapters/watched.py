@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import AsyncIterator, Callable, Hashable, Iterable, Sequence
 from contextlib import asynccontextmanager
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from adapters.channel import Binding
 from adapters.edge import LiveConverter, looked_at
@@ -44,8 +44,10 @@ class Verdict(NamedTuple):
 
 
 class Watched:
-    """A channel of a live source, with what is remembered of its last values. `point` is where its raw value is found,
-    `place` the same in the operator's words."""
+    """A channel of a live source at work, with what has to be remembered of its last values.
+
+    `point` is where its raw value is found, `place` the same in the operator's words.
+    """
 
     point: Any
 
@@ -57,7 +59,8 @@ class Watched:
         self.converter = LiveConverter(binding.id, self.edge, longest_stretch, binding.channel.stuck_after)
 
     def read(self, verdict: Verdict, when: float, sent: Hashable = None) -> Reading | None:
-        """The reading that `verdict` brings at `when` (UTC s), where `sent` was sent; None for a counter's first."""
+        """The reading that `verdict` brings at `when` (UTC s), of which `sent` is what was sent; None for the first one
+        of a counter."""
         if verdict.fault is not None or verdict.raw is None:
             return self.converter.bad(when, verdict.fault or Fault.NOT_AVAILABLE)
         return self.converter.reading(when, verdict.raw, verdict.quality, sent)
@@ -107,9 +110,11 @@ class Channels(Generic[AtWork]):
         return list(self._at)
 
     def all(self) -> list[AtWork]:
+        """All of them."""
         return [channel for at_point in self._at.values() for channel in at_point]
 
     def at(self, point: Hashable) -> Sequence[AtWork]:
+        """The channels whose raw value is found at `point`."""
         return self._at.get(point, ())
 
     def readings(
@@ -120,6 +125,7 @@ class Channels(Generic[AtWork]):
         return [reading for reading in found if reading is not None]
 
     def bad(self, point: Hashable, fault: Fault) -> list[Reading]:
+        """Bad readings of the channels of `point`, now."""
         return [channel.converter.bad(time.time(), fault) for channel in self.at(point)]
 
     def names(self, point: Hashable) -> str:
@@ -140,7 +146,19 @@ class Channels(Generic[AtWork]):
             _log.info("sources.%s: the device gives %s again", self._name, self.names(point))
 
 
-Link = TypeVar("Link")
+class Link(Protocol):
+    """The connection of a live source."""
+
+    async def open(self) -> None:
+        """Connect. Raises SourceError."""
+        ...
+
+    async def close(self) -> None:
+        """Disconnect; safe to call twice, and when it was never open."""
+        ...
+
+
+AnyLink = TypeVar("AnyLink", bound=Link)
 
 
 class LiveSource(Source):
@@ -157,18 +175,20 @@ class LiveSource(Source):
         self._listed, self._rebound = tuple(bindings), True
 
     async def close(self) -> None:
+        """Disconnect; safe to call twice."""
         if self._link is not None:
             await self._link.close()
 
     @asynccontextmanager
-    async def _opened(self, make: Callable[[], Link]) -> AsyncIterator[Link]:
-        """The link that `make` makes, open; its errors name the source, as do those that `check` finds."""
+    async def _opened(self, make: Callable[[], AnyLink]) -> AsyncIterator[AnyLink]:
+        """The link that `make` makes, open; its errors begin with the name of the source. Raises SourceConfigError for
+        what `check` finds."""
         for problem in self.check():
             raise SourceConfigError(problem)
         with said_of(self.name):
             self._link = link = make()
             try:
-                await self._link.open()
+                await link.open()
                 yield link
             finally:
-                await self._link.close()
+                await link.close()

@@ -18,7 +18,10 @@ def midnight(year: int, month: int, day: int, zone: str) -> int:
 
 
 def wall_clock(times: Seconds, zone: str) -> Seconds:
-    """Local wall-clock time at UTC seconds `times` (K,), as seconds since 1970-01-01 00:00 local."""
+    """Local wall-clock time at UTC seconds `times` (K,), as seconds since 1970-01-01 00:00 local.
+
+    The hour that the autumn clock change repeats appears twice, as on the wall.
+    """
     tz = ZoneInfo(zone)
     hours, inverse = np.unique(np.asarray(times) // HOUR, return_inverse=True)
     offsets = [datetime.fromtimestamp(int(hour) * HOUR, UTC).astimezone(tz).utcoffset() for hour in hours]

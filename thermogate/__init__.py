@@ -1,8 +1,14 @@
 """Thermogate in Python: pandas in and out, for notebooks and scripts. `docs/python.md` has examples.
 
-`fit` runs the estimator of the daemon over a table of measurements and returns a `Model`; `load` reads one. `backtest`
-and `compare` score the forecasts that estimators would have made. The estimator is imported when one of the names is
-first used.
+    import thermogate as tg
+
+    model = tg.fit(df)
+    model.forecast({"u_heat": 1500.0}, horizon="24h")
+
+`fit` runs the estimator of the daemon over a table of measurements and returns a `Model`; `load` reads a model that
+`Model.save` wrote. `backtest` and `compare` score the forecasts that estimators would have made along a table.
+Importing this package is quick: the estimator is imported when one of the names is first used.
+Nobody but notebooks and scripts comes in here; inside, `frames` is where pandas is.
 """
 
 from importlib import import_module

@@ -67,7 +67,10 @@ def taken(settings: Settings, df: Frame, after: int | None = None, idle: int = 0
 
 
 def learn(session: Session, df: Frame, progress: bool, what: str) -> Taken:
-    """Take `session` over what is new in `df`; a slow progress is called `what`. DataError for an unusable table."""
+    """Take `session` over the rows of `df` that it has not seen; a slow progress is called `what`.
+
+    DataError for a table that cannot be used, or of which nothing is new.
+    """
     worker, before = session.worker, len(session)
     found = taken(session.settings, df, worker.progress.last_time, worker.empty_samples)
     if found.samples:

@@ -30,7 +30,8 @@ def steps_in(horizon: object, period: float) -> int:
 
 
 def planned_inputs(plan: object, settings: Settings, begin: float, steps: int) -> Inputs:
-    """What `plan` says of `steps` steps from `begin`, UTC s, on, in the network's units. DataError with the place."""
+    """What `plan` says of the inputs over `steps` steps from `begin`, UTC s, on, in the network's units. DataError with
+    the place of what cannot be used."""
     found, grid, limits = {}, Grid(begin, settings.zone.period, steps), plannable(settings.zone)
     for name, given in _columns(plan, settings).items():
         for channel, edge in _meant(name, settings):

@@ -54,8 +54,10 @@ class Settings(NamedTuple):
 def settings_for(
     df: Frame, network: object, columns: object, tz: str | tzinfo | None, given: Mapping[str, Any]
 ) -> Settings:
-    """The settings of `fit` for the table `df`; None in `given` leaves the default. Raises ConfigError and
-    DataError."""
+    """The settings that the arguments of `fit` amount to for the table `df`; None in `given` leaves the default.
+
+    ConfigError for arguments and DataError for a table that cannot be used.
+    """
     pandas()
     tables = {} if columns is None else items(columns)
     present = set(map(str, getattr(df, "columns", ())))

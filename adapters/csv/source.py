@@ -26,12 +26,21 @@ _LOOK_SECONDS = 0.2
 
 
 class CsvSource(RecordedSource):
-    """The CSV files of a table, one after the other; a last file that is followed has no end. Rows are ordered by
-    timestamp within a file, and .gz is decompressed. Empty cells, "NA", "N/A", "null", "none" and "-" are missing, and
-    so is a sum with one of them. Timestamps without UTC offset are wall-clock time in the zone of the table; without a
-    zone they are faults. A faulty cell or timestamp is a bad reading, of a timestamp one for every channel. A batch has
-    the rows of one timestamp when paced, and more of them otherwise; its clock `now` is -inf until a timestamp could be
-    read."""
+    """The CSV files of a table, one after the other, as fast as possible or at a pace.
+
+    A last file that is followed has no end: what is appended to it is delivered as it comes.
+
+    Within a file rows are ordered by timestamp; files are taken in the given order, so a later one should not begin
+    before an earlier one ends. A file whose name ends in .gz is decompressed. Cells that are empty or hold "NA", "N/A",
+    "null", "none" or "-" are missing: no reading. A sum over several columns is missing where one of them is.
+
+    Timestamps without UTC offset are wall-clock time in the zone of the table; without a zone every one of them is a
+    fault. A faulty cell or timestamp is delivered as a bad reading with its fault, so that it can be counted; a refused
+    timestamp gives one for every channel.
+
+    A batch covers the rows of one timestamp when paced, and more of them otherwise. As long as no timestamp could be
+    read, the clock `now` of the batches is -inf.
+    """
 
     def __init__(self, name: str, table: CsvConfig, bindings: Sequence[Binding]) -> None:
         super().__init__(name, table, bindings)

@@ -121,7 +121,8 @@ class SubscribedSource(LiveSource):
     def _probed(
         self, channel: MessageChannel, came: Sequence[Incoming], heard: dict[str, Incoming], nothing: str
     ) -> Probe:
-        """What a person should know of what `came` for `channel`, or else `nothing`, and was `heard` nearby."""
+        """What a person should know of what `came` for `channel`, with the verdict `nothing` if nothing did, and what
+        was `heard` on places like its own."""
         probe = channel.look(came, nothing)
         if came or not heard:
             return probe
@@ -132,7 +133,8 @@ class SubscribedSource(LiveSource):
     """What else did not come while somebody looked, and the remedy."""
 
     def _reached(self, inbox: Inbox, probed: Collection[str] | None = None) -> AbstractAsyncContextManager[Any]:
-        """The open link into `inbox`, subscribed, if somebody looks, to what is `probed` and around it."""
+        """The open link, whose messages go into `inbox`. `probed`: somebody looks at these places; subscribed to them
+        and to what is around them, under EVERYTHING."""
         raise NotImplementedError
 
     async def _subscribe(self, link: Any, inbox: Inbox, keys: Sequence[str]) -> None:
@@ -142,7 +144,8 @@ class SubscribedSource(LiveSource):
         raise NotImplementedError
 
     def _connected(self, link: Any, seconds: float) -> bool:
-        """Whether somebody is at the other end; SourceUnavailable if nobody was for `seconds`, and too long."""
+        """Whether somebody is at the other end. Raises SourceUnavailable if nobody has been for `seconds` and that is
+        too long."""
         raise NotImplementedError
 
     async def _change(self, link: Any, inbox: Inbox) -> None:

@@ -169,7 +169,8 @@ def _lived(channel: ModbusChannel, stand: float) -> bool:
 
 
 def _power(channel: ModbusChannel, form: Format, first: Answer, second: Answer) -> float | None:
-    """The least power that two readings allow: whole steps may just have been made; None if it went back."""
+    """The least power that two readings allow, since a counter of whole steps may just have made one; None where it
+    went back."""
     moved = decode(second.words, form) - decode(first.words, form)
     span = second.time - first.time
     if not moved >= 0 or span <= 0:

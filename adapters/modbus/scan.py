@@ -23,7 +23,8 @@ _DEFAULT = 100
 
 
 async def scan(link: ModbusLink, wanted: Scan, source: ModbusConfig) -> Scanned:
-    """What units (default: that of `source`) have in registers. Raises SourceUnavailable, SourceConfigError."""
+    """What the units of `wanted` (default: that of `source`) have in its registers. Raises SourceUnavailable, and
+    SourceConfigError where that is more than MOST."""
     first_register = source.first_register
     first_unit, last_unit = wanted.devices or (source.unit_id, source.unit_id)
     begin, end = wanted.registers or (first_register, first_register + _DEFAULT - 1)

@@ -94,7 +94,8 @@ class OpcuaLink:
         return found
 
     async def subscribe(self, nodes: Sequence[str], every: float) -> dict[str, str]:
-        """Have changes of `nodes` alone told every `every` s (`taken`); what is refused. Raises SourceUnavailable."""
+        """Have changes of `nodes`, and of no others, told every `every` s (`taken`); those that the server does not
+        offer, with its reason. Raises SourceUnavailable."""
         refused: dict[str, str] = {}
         async with self._translated():
             if self._subscription is not None:
@@ -168,7 +169,8 @@ class OpcuaLink:
         return found
 
     async def history(self, node: str, begin: float, end: float) -> list[Seen]:
-        """What is recorded of `node` in [begin, end), UTC s. Raises SourceUnavailable, SourceConfigError."""
+        """What the server has recorded of `node` in [begin, end), UTC s, in the order of time. Raises
+        SourceUnavailable, and SourceConfigError if it has no history of it."""
         details = ua.ReadRawModifiedDetails(
             IsReadModified=False, StartTime=_written(begin), EndTime=_written(end), NumValuesPerNode=0
         )

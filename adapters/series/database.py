@@ -101,7 +101,8 @@ class Database:
         self.table = table
 
     async def points(self, channel: Any, begin: float, end: float, counter: bool) -> Points:
-        """The series of `channel` in [begin, end), UTC s, by `step`; a counter's stands. Raises SourceError."""
+        """What `channel` has in [begin, end), UTC s, one point every `step` s at most; of a counter what it showed.
+        Raises SourceError."""
         raise NotImplementedError
 
     async def newest(self, channel: Any) -> Points:

@@ -69,7 +69,8 @@ class SessionConfig(LoginConfig):
             yield from self.tls.problems()
 
     def settings(self, access: Mapping[str, object]) -> dict[str, object]:
-        """The session's settings by their keys in Zenoh; SourceConfigError if the password cannot be had."""
+        """The session's settings by their keys in Zenoh, with `access` as its access control; SourceConfigError if the
+        password cannot be had."""
         user, secret = self.credentials()
         settings: dict[str, object] = {
             "mode": self.mode,

@@ -40,8 +40,11 @@ class ZenohLink:
             raise SourceUnavailable(await in_thread(lambda: _why(self._table, text))) from error
 
     def subscribe(self, key: str, on_sample: OnSample, recover: float = 0.0, last: bool = False) -> None:
-        """Call `on_sample`, in Zenoh's threads, for samples on `key`. `recover`: missed ones, up to this age in s, are
-        asked of publishers that keep a cache; `last`: their last one. Raises SourceUnavailable."""
+        """Call `on_sample`, in Zenoh's threads, for every sample on `key`; one subscription for each key.
+
+        `recover`: samples missed, up to this age in s, are asked of publishers that keep a cache; `last`: so is their
+        last one, whatever its age. Raises SourceConfigError for a wrong key expression.
+        """
 
         def arrived(sample: zenoh.Sample) -> None:
             on_sample(_incoming(sample))

@@ -1,8 +1,11 @@
-"""The devices of the simulated plant, which `plant.toml` has as data: three makes of room controller and a weather
-station that differ in tables, types, word orders, scales, units and in what stands for "not available"."""
+"""The devices of the simulated plant: what each measures, and in which registers it serves that.
+
+Three makes of room controller and a weather station differ as those of a grown plant do: in tables, types, word orders,
+scales, units and in what stands for "not available". `plant.toml` has them as data.
+"""
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from importlib.resources import files
 from typing import Any, NamedTuple
@@ -11,7 +14,6 @@ from replay.bms.living.building import Building
 from replay.bms.living.thermostats import Relay
 from replay.bms.living.world import Snapshot
 from replay.bms.registers import Register
-from service.cli.tables import aligned
 
 WEATHER_UNIT_ID = 1
 FIRST_ROOM_UNIT_ID = 11
@@ -40,6 +42,7 @@ class Device(NamedTuple):
     room: int | None = None
 
     def channel(self, name: str) -> Channel | None:
+        """The channel called `name`."""
         return next((channel for channel in self.channels if channel.name == name), None)
 
 
@@ -52,8 +55,11 @@ class _Room(NamedTuple):
 
 
 def devices(building: Building, *, pace: float) -> tuple[Device, ...]:
-    """Weather station, and a controller per room. Energy counters count in wall-clock time: at `pace` simulated seconds
-    per second, a `pace`th of the heat of the simulated time."""
+    """Weather station, and a controller per room.
+
+    Energy counters count what flows in wall-clock time: at `pace` simulated seconds per second, a `pace`th of the heat
+    of the simulated time.
+    """
     found = [Device("weather", WEATHER_UNIT_ID, _channels("weather", _Room(0, 0.0, pace)))]
     for index, room in enumerate(building.rooms):
         relay = isinstance(room.thermostat, Relay)
@@ -109,21 +115,3 @@ _READS: Mapping[str, Callable[[_Room, Snapshot], float]] = {
     # It rolls over soon after the start, where the mistakes of its readers are.
     "energy, soon over": lambda room, now: 2**32 - 500 + _energy(room, now),
 }
-
-HEADINGS = ("device", "unit_id", "channel", "table", "register", "words", "type", "order", "scale", "unit", "missing")
-"""`register` counts from 0, `missing` is what "not available" is."""
-
-
-def register_map(plant: Sequence[Device]) -> list[str]:
-    """The register map as lines of a table, for people."""
-    return aligned([HEADINGS, *(_row(device, channel) for device in plant for channel in device.channels)])
-
-
-def _row(device: Device, channel: Channel) -> tuple[str, ...]:
-    register = channel.register
-    missing = "NaN" if register.type.startswith("float") else ""
-    if register.sentinel is not None:
-        missing = f"0x{register.sentinel % 2 ** (16 * register.words):0{4 * register.words}X}"
-    order = "" if register.type == "bool" else register.order
-    place = (register.table, str(register.address), str(register.words), register.type, order, f"{register.scale:g}")
-    return (device.name, str(device.unit_id), channel.name, *place, channel.unit, missing)

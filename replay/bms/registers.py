@@ -8,9 +8,13 @@ from adapters.modbus.codec import NUMBERS, Format
 
 
 class Register(NamedTuple):
-    """Where and how a value is served; `value = raw * scale`. `address` counts from 0; `order` is as in
-    `adapters.modbus.codec`. An integer with a `sentinel` serves it (raw) for "not available", a float NaN. A `counter`
-    rolls over, any other integer stops at the ends of its range."""
+    """Where and how a value is served; `value = raw * scale`.
+
+    `address` counts from 0, as on the wire. `order` is ABCD (most significant word and byte first), CDAB (words the
+    other way round), BADC (bytes of each word the other way round) or DCBA (both); 64-bit values follow the same
+    pattern. An integer that has a `sentinel` serves it (raw) for "not available"; floats serve NaN. A `counter` rolls
+    over, any other integer stops at the ends of its range.
+    """
 
     table: str
     address: int

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from adapters.cancelling import in_thread
+from replay.bms import register_map
 from replay.bms.bacnet import objects as bacnet_objects
 from replay.bms.control import create_control
 from replay.bms.faults import FaultSpec
 from replay.bms.modbus_server import ModbusServer
-from replay.bms.plant import register_map
 from replay.bms.simulation import Simulation
 from replay.bms.written_config import write_config
 from replay.bms.zenoh_publisher import ZenohPublisher
@@ -118,7 +118,7 @@ async def _until(stop: asyncio.Event, tasks: Sequence[asyncio.Task[None]]) -> No
 
 def _greeting(options: BmsOptions, simulation: Simulation, port: int, bacnet: int | None, url: str) -> list[str]:
     lines = [
-        *register_map(simulation.plant),
+        *register_map.as_text(simulation.plant),
         "",
         f"SYNTHETIC building, {options.zones} rooms, {options.pace:g} simulated s per s, seed {options.seed}",
         f"Modbus TCP  127.0.0.1:{port}; registers count from 0",

@@ -20,7 +20,10 @@ _log = logging.getLogger(__name__)
 
 
 class Simulation:
-    """A world of `zones` rooms, its devices, their faults, and orders; `clock` gives real s that never jump."""
+    """A world of `zones` rooms in a row, its devices and their faults, and what somebody at the plant has set.
+
+    `clock` gives real seconds that never jump.
+    """
 
     def __init__(
         self,

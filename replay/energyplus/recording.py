@@ -51,8 +51,11 @@ def record(
     seed: int,
     tick: Callable[[], None] = lambda: None,
 ) -> Recording:
-    """The life of `building` for `days` days, by its clock, under a heating of HEATINGS; `tick` is called after each
-    day. Raises what `Plant` raises, and ReplayError for an unknown heating."""
+    """The life of `building` for `days` days, by the clock of the place; `tick` is called after each day.
+
+    `heating` is a name of `replay.energyplus.heating.HEATINGS`. The same arguments give the same rows. Raises what
+    `Plant` raises, and ReplayError for a heating that does not exist.
+    """
     life = Life([room.use for room in building.rooms], STEP, seed)
     heat = heating_named(heating, building, seed)
     seen, acted, ended, wanted = [], [], [], []

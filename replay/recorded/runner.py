@@ -1,5 +1,9 @@
-"""`thermogate replay`: a recorded period through the daemon's own alignment and worker, as fast as it goes, into
-`updates.csv` and `parameters.csv` of every zone and one `summary.json`."""
+"""`thermogate replay`: a recorded period through the daemon's own alignment and worker, as fast as it goes.
+
+Writes per zone `updates.csv` (one row per sample, the interval being the one formed before y was seen) and
+`parameters.csv` (posterior mean of each log parameter, exponentiated), and one `summary.json`. At the end it prints
+what each zone's model does not know.
+"""
 
 import csv
 import json

@@ -55,7 +55,10 @@ def traces_of(
 
 
 def stored_samples(state_dir: Path, zone: ZoneConfig) -> list[Sample]:
-    """Every accepted sample of `zone` in `state_dir`, oldest first; ServiceError without its channels."""
+    """Every accepted sample of `zone` in `state_dir`, oldest first; ServiceError where they cannot be read.
+
+    Only channels count: the network may have changed as long as it has the same ones in the same order.
+    """
     with read_state(state_dir) as state:
         samples = list(state.journal.samples_after(zone.id, None))
     wanted = len(zone.network.measured), len(zone.network.inputs)

@@ -17,8 +17,11 @@ FILE = "report.html"
 def publish_report(
     site: str, traces: Sequence[Trace], out: Path, progress: bool = False, language: str = LANGUAGES[0]
 ) -> int:
-    """Print the table of `traces`, write `report.html` into `out`, both in `language` of LANGUAGES, and print where it
-    is; 0. With `progress` a terminal shows how far it is. Raises ReplayError."""
+    """Print the table of `traces`, write `report.html` into the folder `out`, and print where it is; 0. All of it is in
+    `language`, one of LANGUAGES.
+
+    With `progress` a terminal shows how far it is. Raises ReplayError where the folder cannot be written.
+    """
     path = out / FILE
     with writing(out):
         path.write_text(report_page(site, traces, language, progress), encoding="utf-8")

@@ -24,7 +24,10 @@ _MORE_CHANNELS = "; it also takes I_sol for the sun, and neighbours whose names 
 
 @dataclass
 class ZoneDraft:
-    """What could be read of one zone: `names` are the channels as written (None: not even those)."""
+    """What could be read of one zone; each part is there or not independently of the others.
+
+    `names` are the channels as written (None: not even those), `channels` those among them that could be read.
+    """
 
     place: Place
     table: ZoneTable | None

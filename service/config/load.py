@@ -45,8 +45,12 @@ MOST_LEVELS = 50
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Config:
-    """The configuration in the file at `path`, with `overrides` ("dotted.key=value") applied, every default filled in
-    and every path absolute. Of files the headers alone are read. Raises ConfigError with every mistake found."""
+    """The configuration in the file at `path`, with `overrides` ("dotted.key=value") applied.
+
+    Every default is filled in and every path absolute (relative ones are taken from the file's folder). Nothing is
+    connected to, but the headers of recorded files are read. Raises ConfigError with every mistake found, one sentence
+    each.
+    """
     raw = apply_overrides(_parsed(path), overrides)
     return _read(raw, path.resolve().parent, Problems(raw))
 

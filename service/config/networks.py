@@ -57,8 +57,10 @@ def preset_network(name: str, overrides: Sequence[str]) -> Network:
 
 
 def resolve(table: NetworkConfig, channels: Collection[str] = ()) -> tuple[Network | None, Mistakes]:
-    """The network that `table` describes in a zone that has `channels`, validated. With mistakes it is good for its
-    channels only, and None where not even those are certain."""
+    """The network that `table` describes in a zone that has `channels`, validated if there are no mistakes.
+
+    With mistakes it is good for its channels only, and None where not even those are certain.
+    """
     mistakes: Mistakes = {}
     network = _from_preset(table, channels, mistakes) if isinstance(table, PresetConfig) else _inline(table, mistakes)
     if network is not None:

@@ -41,7 +41,8 @@ class RunningSite:
         stopping: threading.Event | None = None,
         stepping: Callable[[str, int], AbstractContextManager[None]] = lambda zone, time: nullcontext(),
     ) -> None:
-        """`threads` step the zones; `stopping` is set at the begin of a stop; `stepping` is that of `Plumbing`."""
+        """`threads` step the zones. `stopping` is set when the process begins to stop, and `stepping` surrounds every
+        step (`Plumbing`)."""
         self.zones: Zones[Zone] = Zones()
         self.metrics = Metrics(self.zones, version("thermogate"))
         self.pool = ThreadPoolExecutor(threads, thread_name_prefix="estimator", initializer=stand_back)

@@ -1,5 +1,8 @@
-"""The cache of compiled kernels. Numba writes it without checksums and fails on what it cannot read or write: a
-truncated file after a power failure, or a full disk, would fail every zone at every sample."""
+"""The cache of compiled kernels, which must never be what a zone fails for.
+
+Numba writes it without checksums and fails on what it cannot read or write: a truncated file after a power failure, or
+a full disk, would fail every zone at every sample.
+"""
 
 import hashlib
 import logging

@@ -65,9 +65,13 @@ async def collect_garbage() -> None:
 
 
 def _give_numba_a_cache() -> None:
-    """Choose the folder of compiled kernels, unless NUMBA_CACHE_DIR does: one of the user named after the sources of
-    the estimator, for Numba does not see a change in what a kernel calls; without a home that can be written, one of
-    this process's own, which costs a compilation at every start."""
+    """Choose the folder of compiled kernels, unless NUMBA_CACHE_DIR does.
+
+    It is named after the sources of the estimator: Numba itself sees a change only in the file of the kernel that it
+    caches, not in what that kernel calls. Where there is no home folder that can be written, as under a hardened
+    service, a folder of this process's own costs a compilation at every start; a unit sets NUMBA_CACHE_DIR to a lasting
+    one.
+    """
     if "NUMBA_CACHE_DIR" in os.environ:
         return
     sources = sorted((Path(__file__).resolve().parents[2] / "estimator").rglob("*.py"))

@@ -52,7 +52,8 @@ def compare(old: Config, new: Config) -> Changes:
 
 
 def unchangeable(old: Config, new: Config, tables: Iterable[str], but: str = "", remedy: str = "") -> list[str]:
-    """A sentence, with its `remedy`, for each of `tables` that differs in more than the key `but` ("table.key")."""
+    """A sentence for each of `tables` in which `new` differs from `old` in more than the key `but` ("table.key");
+    `remedy` lets it take effect."""
     found = []
     for table in tables:
         before, after = old.table(table), new.table(table)

@@ -1,5 +1,9 @@
-"""`thermogate run`: everything started in order, reloaded on SIGHUP, and on SIGTERM or SIGINT stopped in order. What
-runs is put together in `service.daemon.composition`."""
+"""`thermogate run`: everything started in order, reloaded, stopped in order.
+
+One asyncio loop does all I/O; estimator steps run in a thread pool (the compiled kernels release the GIL). On
+SIGTERM or SIGINT the sources stop, the mailboxes are drained, checkpoints are written, HTTP and Zenoh are closed. On
+SIGHUP the configuration is read again. What runs is put together in `service.daemon.composition`.
+"""
 
 import asyncio
 import faulthandler

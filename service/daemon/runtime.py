@@ -229,7 +229,8 @@ class Runtime:
 
 
 async def _drained(zones: Collection[_Running], seconds: float) -> bool:
-    """Let zones empty their mailboxes and write checkpoints; whether `seconds` were not enough for all."""
+    """Let zones empty their mailboxes and write their checkpoints; whether `seconds` were not enough. Then each ends
+    after its present sample."""
     if not zones:
         return False
     workers = [running.worker for running in zones]

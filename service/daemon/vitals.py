@@ -1,5 +1,8 @@
-"""Whether the daemon still works: the event loop turns, the threads answer, and every zone gets on with the samples
-that it has. Where that is not so for long, only a restart of the process helps."""
+"""Whether the daemon still works: the event loop turns, the threads answer, every zone gets on with its samples.
+
+A zone without telemetry has nothing to do and is well. One whose sample is under way, or waits, without anything being
+finished for a long time hangs, and only a restart of the process helps.
+"""
 
 import asyncio
 import time

@@ -8,7 +8,11 @@ AnyZone = TypeVar("AnyZone")
 
 
 class Zones(UserDict[str, AnyZone]):
-    """Zones by id, in the order to list them. A reload replaces all in one go, for threads that are reading."""
+    """Zones by id, in the order to list them.
+
+    A reload replaces them all in one go, so that another thread sees those before or those after, and never a
+    dictionary that changes under its hands.
+    """
 
     def replace(self, zones: Mapping[str, AnyZone]) -> None:
         """From now on these are the zones."""

@@ -60,7 +60,8 @@ class Peer:
         self._handle: ActorHandle | None = None
 
     async def ask(self, method: str, *arguments: Any, timeout: float | None = None, give_up: bool = False) -> Any:
-        """What the member answers, unless it may `give_up`. Raises Away, or the ServiceError that it raised."""
+        """What the member answers; with `give_up` it stops at it once nobody waits any more. Raises Away, or the
+        ServiceError that it raised."""
         asked: Any = None
         try:
             async with asyncio.timeout(timeout):
@@ -116,7 +117,8 @@ def wanted(plan: Plan, nodes: Iterable[str]) -> dict[str, str | None]:
 
 
 def create(site: str, name: str, cpus: float = 0.0, node: str | None = None) -> None:
-    """Let there be a member, which outlives its creator, on a machine with processors to spare, or on `node` alone."""
+    """Let there be a member, on any machine with so many processors to spare or on `node` alone; without effect if
+    there is one of this name already. It outlives its creator."""
     strategy = "SPREAD" if node is None else NodeAffinitySchedulingStrategy(node, soft=False)
     ray.remote(Actor).options(
         name=name,

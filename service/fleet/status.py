@@ -27,7 +27,8 @@ class FleetStatus(NamedTuple):
 
 
 async def show_status(site: str, as_json: bool, every: float | None) -> None:
-    """Print the state of a running fleet, once or every so many s; ServiceError where there is none."""
+    """Print the state of a running fleet, once or every so many s, until interrupted. Raises ServiceError where there
+    is none the one time."""
     while True:
         status = await _asked(site)
         if status is not None:

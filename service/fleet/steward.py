@@ -39,7 +39,8 @@ _log = logging.getLogger(__name__)
 
 
 def run_fleet(config: Config, address: str, reread: Callable[[], Config]) -> int:
-    """Run the fleet of `config` on the cluster at `address` until it is told to stop. Raises ServiceError."""
+    """Run the fleet of `config` on the cluster at `address` until it is told to stop; 0 after an orderly stop. Raises
+    ServiceError."""
     check_exposure(config)
     configure_logging(config.log)
     for warning in (*config.warnings, *lopsided(config, fleet_of(config).shards)):

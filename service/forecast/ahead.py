@@ -97,7 +97,8 @@ class LookingAhead:
                         _log.warning("zone '%s' does not look ahead now: %r", name, error)
 
     async def attend(self, name: str) -> None:
-        """Look ahead for zone `name` where due, or tell once that it vouches for nothing. Raises ServiceError."""
+        """Look ahead for the zone `name` if it is time to; also tell once that it no longer vouches for its forecast.
+        ServiceError where that cannot be."""
         view, told = self._zones.get(name), self._told.get(name)
         state = None if view is None else view.now()
         if view is None or state is None or state.update is None:

@@ -184,7 +184,8 @@ def _columns(worker: ZoneWorker, found: Summary, count: int, paths: Array) -> tu
 
 
 def _paths(zone: PlannedZone, rows: Array, count: int, lawful: LiveFan | None, futures: Mixtures) -> Array:
-    """(count, h + 1, n_y): sampled futures under `rows` (h, n_u), or with the law, of the forecast `futures`."""
+    """(count, h + 1, n_y): sampled futures under `rows` (h, n_u), or of the forecast with the law; `futures` is what
+    the zone forecasts."""
     worker, standing = zone.worker, zone.standing
     if count == 0:
         return np.empty((0, len(rows) + 1, len(worker.network.measured)))

@@ -47,7 +47,8 @@ def refusal(trust: Trust, lead: float) -> str | None:
 
 
 def moment(text: str, start: float, local: tzinfo) -> float:
-    """UTC s of `text`, RFC 3339 or the next such time of day after UTC s `start` on `local` clocks; PlanError."""
+    """UTC s of `text`, which is RFC 3339 or the next such time of day after UTC s `start` in the time zone `local`;
+    PlanError for another text."""
     try:
         clock = time.fromisoformat(text)
     except ValueError:

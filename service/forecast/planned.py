@@ -48,8 +48,12 @@ class PlannedZone(NamedTuple):
         return self.worker.loop.ahead(self.standing.carried, int(self.grid.start), rows, outlook.known)
 
     def with_law(self, ahead: Ahead) -> LiveFan | None:
-        """The forecast under what is foreseen `ahead` with the law inside, or, without a plan, of the futures of a zone
-        with a set-point; None where neither is known, or heat is planned. NoLaw for set-points that no law keeps."""
+        """The forecast under what is foreseen `ahead` with the law inside, or, where neither set-points nor heat are
+        planned, that of the futures of a zone with a set-point; None where a forecast under the drive rows themselves
+        is asked, or nothing is known that could come in their place.
+
+        NoLaw for planned set-points that no law keeps.
+        """
         carried, thermostat, live = self.standing.carried, self._thermostat, self.worker.loop.live
         now = Now(self.standing.state, thermostat, carried.held.values, int(self.grid.start))
         if not self.grid.steps:

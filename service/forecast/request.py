@@ -55,7 +55,8 @@ class ForecastRequest(NamedTuple):
 
 
 def detail(steps: Sequence[int]) -> Detail:
-    """As fine as there is time for in a request of forecasts with so many `steps` each, the published one included."""
+    """As fine as there is time and room for in a request of forecasts with so many `steps` each, the published one
+    included: the same for each of them, whoever asks."""
     whole = sum(steps)
     draws = min(MOST_DRAW_STEPS // max(1, whole), MOST_AT_ONCE // max([1, *steps]))
     return Detail(max(FEWEST_DRAWS, draws), exact=whole <= MAX_STEPS + 1)
@@ -84,7 +85,8 @@ def published_levels(update: Update) -> list[float]:
 
 
 def bound(request: ForecastRequest) -> int:
-    """The count of numbers in the answer. RequestError for a horizon that does not fit, or too much work."""
+    """How many numbers the answer has. RequestError for a horizon that does not fit, or more work than one request may
+    ask."""
     zones, plans = request.zones, len(request.plans)
     fans, planned = len(zones) * plans, sum(_size(plan, len(zones)) for plan in request.plans)
     if fans > MOST_FANS:

@@ -1,5 +1,8 @@
 """How a room does, in the words of the people who run it: the answers that page, report and notebooks open with.
-Sentences are parts that "; " joins, each of which the page and the report have in other languages."""
+
+One computation for all three: from what was measured in a period (`Past`), and from what the zone's worker has learned.
+Sentences are parts that "; " joins, each of which the page and the report have in other languages.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace

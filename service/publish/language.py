@@ -1,5 +1,8 @@
-"""What the daemon says, in another language: found by its English in the page's `said-<language>.json`. An entry has
-{gaps} for numbers and names, in capitals for other such sentences, with a capital for parts of one; {{ is a brace."""
+"""What the daemon says, in another language: found by its English in the page's `said-<language>.json`.
+
+An entry is a sentence with {gaps} for numbers and names; a gap in capitals holds other such sentences, one with a
+capital a part of one, and {{ is a brace. What is not found, and names, stay as they are.
+"""
 
 import json
 import re
@@ -20,6 +23,7 @@ _SENTENCES = ("sentence", "reason", "beaten", "what", "why")
 """Keys of documents whose values are sentences."""
 _REMEMBERED = 2000
 """Sentences: a thousand rooms say much the same."""
+
 _DECIMAL = r"(?<![\w./])(\d+)\.(\d+(?:e[+-]?\d+)?)(?![\w/]|\.\d)"
 _GAP = re.compile(r"\{\{|\}\}|\{(\w+)\}")
 
@@ -67,20 +71,22 @@ _Entries = tuple[tuple[re.Pattern[str], str], ...]
 
 
 def _said(entries: _Entries, text: str) -> str | None:
+    """`text` by its entry; None where there is none."""
     # Titles, and sentences that begin with a capital, are entries that do not.
     lower = text[:1].lower() + text[1:]
     for pattern, translated in entries:
         for written in dict.fromkeys((text, lower)):
             if (match := pattern.fullmatch(written)) is not None:
-                values = {
-                    name: (_said(entries, value) if name[0].isupper() else None) or value
-                    for name, value in match.groupdict().items()
-                }
+                values = {name: _value(entries, name, value) for name, value in match.groupdict().items()}
                 found = translated.format(**values)
                 return found if written is text else found[:1].upper() + found[1:]
     first, parts, rest = text.partition("; ")
     start, end = (_said(entries, part) for part in (first, rest)) if parts else (None, None)
     return f"{start or first}; {end or rest}" if start or end else None
+
+
+def _value(entries: _Entries, name: str, value: str) -> str:
+    return (_said(entries, value) if name[0].isupper() else None) or value
 
 
 @cache

@@ -349,8 +349,8 @@ def vouched(payload: Forecasted, status: ZoneStatus, limits: Limits = NO_LIMITS)
 
 
 def credible(status: ZoneStatus, means: Iterable[tuple[str, float]], limits: Limits) -> bool:
-    """Whether a zone in `status` vouches for its forecasts, and every mean, by output, lies within believable
-    `limits`."""
+    """Whether a zone in `status` vouches for its forecasts, and every mean of an output, by its name, lies where a
+    measurement of it would be believed."""
     ranges = ((limits.get(output, default_valid_range("degC")), mean) for output, mean in means)
     return status.state not in ("stalled", "failed") and all(lower <= mean <= upper for (lower, upper), mean in ranges)
 

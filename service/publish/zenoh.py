@@ -150,7 +150,8 @@ class Publisher(Sink):
         _give_up([one.undeclare for one in self._declared.pop(zone, [])])
 
     def publish(self, announcement: Announcement) -> None:
-        """Put what is announced, a repeated forecast once; ServiceError if the session fails, until `close`."""
+        """Put what is announced, a forecast that is told again only once; ServiceError if the session has failed.
+        Nothing after `close`."""
         base = self._base(announcement.zone)
         for topic, document in announcement.lasting().items():
             if topic in announcement.topics or self._last.get(f"{base}/{topic}") != document:

@@ -49,8 +49,12 @@ def read_samples(
     most: float = inf,
     progress: bool | None = False,
 ) -> dict[str, Recorded]:
-    """What the recordings of `config` hold of each of `zones` from UTC time `start` up to `end`, about `most` s of it,
-    with `progress` (None: on a terminal). Raises ServiceError where a source is live or cannot be read."""
+    """What the recordings of `config` hold of each of `zones` from UTC time `start` up to `end`, but not more than
+    about `most` s of it.
+
+    With `progress` (None: on a terminal) it is shown how far reading is. Raises ServiceError where a source is live or
+    cannot be read.
+    """
     return asyncio.run(_read(config, zones, (start, end), most, progress))
 
 

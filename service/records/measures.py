@@ -1,4 +1,8 @@
-"""Figures that are read at the moment of a scrape, offered by whoever owns them: the store, the sources, the zones."""
+"""Figures that are read at the moment of a scrape, offered by whoever owns them.
+
+An owner (the store, the sources, the zones) has a function `..._measures` that returns a list of `Measure`s;
+`service.daemon.instruments` registers them all.
+"""
 
 import tomllib
 from collections.abc import Callable, Iterable

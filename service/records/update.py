@@ -125,12 +125,14 @@ class Update(NamedTuple):
 
     @property
     def shown_gate(self) -> Gate:
-        """As it is told and stored: an estimator without one learns fully from what it assimilates."""
+        """The gate as everything that leaves the daemon or is stored states it: an estimator without one learns fully
+        from what it assimilates."""
         if self.gate is not None:
             return self.gate
         return Gate(1.0 if self.outcome == Outcome.ASSIMILATED else 0.0, CONSTANT)
 
     @property
     def shown_sample_size(self) -> float:
-        """As it is told and stored: NaN where there are no particles."""
+        """The effective sample size as everything that leaves the daemon or is stored states it: NaN where there are
+        no particles."""
         return math.nan if self.effective_sample_size is None else self.effective_sample_size

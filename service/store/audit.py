@@ -60,7 +60,8 @@ class Trail:
 
 
 def note(folder: Path, event: str, sentence: str) -> None:
-    """Append what this process's account does in the state `folder` to its trail; nothing where there is none."""
+    """Append to the trail in the state `folder` what the account of this process does there; nothing where there is no
+    such folder."""
     if not folder.is_dir():
         return
     try:

@@ -1,6 +1,10 @@
-"""Backups of a state folder, made while the daemon runs, and put back while it does not: a tar file of `manifest.json`
-with the size and SHA-256 of everything else, the newest valid checkpoint of every zone, the journal, and the kept
-configuration. The checkpoints are taken first, so that the journal has every sample after them."""
+"""Backups of a state folder, made while the daemon runs, and put back while it does not.
+
+A backup is one tar file: `manifest.json` with the size and SHA-256 of everything else, the journal as SQLite's online
+backup gives it, the newest valid checkpoint of every zone, and the configuration that the daemon keeps in the folder.
+The checkpoints are taken before the journal, so the journal has every sample after them, and the zones go on bit for
+bit from the moment at which the journal was taken.
+"""
 
 import hashlib
 import os

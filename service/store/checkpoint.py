@@ -52,9 +52,12 @@ _log = logging.getLogger(__name__)
 
 
 class Checkpoint(NamedTuple):
-    """The state of a zone after the sample at `step`, in UTC seconds. `fingerprint` identifies the network and
-    structural options it belongs to; `arrays` are the estimator's, of any dtype but object; `meta` is what JSON can
-    hold; `about` describes it to people. `zone` is whose it is; a model file is of none."""
+    """The state of a zone after the sample at `step`, in UTC seconds.
+
+    `fingerprint` identifies the network and structural options it belongs to; `arrays` are the estimator's, of any
+    dtype but object; `meta` is what JSON can hold. `about` describes it to people, and nothing depends on it. `zone` is
+    whose it is; a model file is of none.
+    """
 
     fingerprint: str
     step: int

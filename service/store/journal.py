@@ -169,7 +169,10 @@ class Journal:
         self._write([zone], work)
 
     def forget(self, zone: str) -> None:
-        """Set aside all of `zone` under a name that no zone can have; until `forgot` it `is_forgotten`."""
+        """Set aside all of `zone` under a name that no zone can have.
+
+        Until `forgot`, `is_forgotten` tells that what else there is of the zone has to go too.
+        """
 
         def work(cursor: Cursor) -> None:
             aside = _aside(zone)
@@ -306,7 +309,10 @@ class Journal:
         return rows[0][0] if rows else None
 
     def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
-        """The newest `limit` sound rows with `start` <= time < `end` (None: open), oldest first."""
+        """The newest `limit` rows with `start` <= time < `end` (None: open), oldest first.
+
+        A damaged row is left out, which the log says once.
+        """
         self._show(zone)
         bounds = (_EARLIEST if start is None else start, 2**62 if end is None else end)
         query = (
@@ -353,7 +359,8 @@ class Journal:
         return rows[0][0] or 0 if rows else 0
 
     def _write(self, zones: Collection[str], work: Callable[[Cursor], Result]) -> Result:
-        """The result of `work` in a durable transaction, with the pending history, which is kept if that fails."""
+        """The result of `work` in one durable transaction that writes to `zones` and also carries the pending history,
+        which is kept for the next try if it fails."""
         with self._recording:
             pending = dict(self._pending)
 

@@ -1,4 +1,8 @@
-"""A store over a journal and checkpoints, SQLite or PostgreSQL, whose calls hop off the event loop."""
+"""A store over a journal and checkpoints: what is the same for SQLite and PostgreSQL.
+
+Both do blocking work, so every call hops off the event loop: the journal to a thread of its own, checkpoints to the
+caller's pool.
+"""
 
 import asyncio
 import logging

@@ -18,7 +18,10 @@ _log = logging.getLogger(__name__)
 
 
 class StoredState(NamedTuple):
-    """Journal and checkpoints, only read, without a transaction, for which the daemon's log would grow."""
+    """Journal and checkpoints of a site, wherever they are kept. Nothing is written, locked or set aside.
+
+    No transaction is held between two reads: the daemon's write-ahead log would grow for as long.
+    """
 
     journal: Journal
     checkpoints: Checkpoints

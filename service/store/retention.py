@@ -67,8 +67,11 @@ class Stable:
 
 
 def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterator[None]:
-    """Delete what is older than `keep_history`, and the oldest rows of all while the file is too large: a slice at
-    every step. `oldest_checkpoint` tells the time of the oldest checkpoint of a zone, None without any."""
+    """Delete what is older than `keep_history`, and the oldest rows of all while the file is too large: a small slice
+    at every step of the iterator, so that samples come in between.
+
+    `oldest_checkpoint` tells the time of the oldest checkpoint of a zone, None if there is none.
+    """
     told: list[str] = []
     for zone in journal.prunable():
         newest = journal.last_sample_time(zone)

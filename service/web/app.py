@@ -53,8 +53,13 @@ def create_app(
     http: HttpConfig | None = None,
     backend: Backend | None = None,
 ) -> FastAPI:
-    """The ASGI application of `zones` (by id, in the order to list them) and the metrics in a registry, without
-    anything from outside. `keys` open it; without, reading is open and administration closed."""
+    """The ASGI application that serves `zones` (by id, in the order to list them) and the metrics in a registry.
+
+    `keys` open it; without, reading is open and administration closed. `http` has the hosts it answers for and the
+    limits.
+
+    It needs nothing from outside: no request leaves the machine, neither from here nor from the pages it serves.
+    """
     # FastAPI's own documentation pages load their scripts from a CDN; a plant room has none. Its route of the document
     # would write it anew for every client.
     app = FastAPI(

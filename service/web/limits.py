@@ -53,7 +53,8 @@ _CLIENTS = 1024
 
 
 class Limiter:
-    """Gives clients their turns: nobody waits for more than what is under way and a turn of each other client."""
+    """Gives clients their turns, so that nobody waits for more than what is under way and one turn of each other
+    client, and refuses what is too much."""
 
     def __init__(self, limits: LimitsConfig | None = None) -> None:
         limits = limits or LimitsConfig()

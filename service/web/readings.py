@@ -49,8 +49,8 @@ Precision = Annotated[Literal["ns", "us", "ms", "s"], Query(description="line pr
 
 
 def reading_routes(site: Site, limit: int, malformed: Counter[str]) -> APIRouter:
-    """Routes that take readings in bodies of `limit` bytes, also unpacked; `malformed` counts those not read by
-    kind."""
+    """Routes that take readings, in bodies of `limit` bytes, also of a packed one when it is unpacked; `malformed`
+    counts by kind those that could not be read."""
     router, told = APIRouter(tags=["readings"]), Seldom()
     taking = partial(
         route,

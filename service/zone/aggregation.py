@@ -8,7 +8,10 @@ from adapters.units import ENERGIES
 
 
 class Span(NamedTuple):
-    """The readings, at least one, of a channel in an interval, in the order of time, and its ends (UTC s)."""
+    """The readings of one channel in one interval, in the order of time, and where the interval begins and ends.
+
+    Times are UTC seconds; there is at least one reading.
+    """
 
     times: Sequence[float]
     values: Sequence[float]
@@ -47,15 +50,23 @@ def _time_weighted(span: Span) -> float:
     return min(max(mean, min(span.values)), max(span.values))
 
 
+def _only(span: Span) -> float:
+    return span.values[0]
+
+
+def _energy(span: Span) -> float:
+    return fsum(span.values) / (span.end - span.begin)
+
+
 AGGREGATES: dict[str, Aggregate] = {
     "mean": Aggregate(_ALL, _mean),
     "time_weighted": Aggregate(_ALL, _time_weighted),
-    "first": Aggregate(slice(0, 1), lambda span: span.values[0]),
-    "last": Aggregate(slice(-1, None), lambda span: span.values[0]),
+    "first": Aggregate(slice(0, 1), _only),
+    "last": Aggregate(slice(-1, None), _only),
     "min": Aggregate(_ALL, lambda span: min(span.values)),
     "max": Aggregate(_ALL, lambda span: max(span.values)),
     "sum": Aggregate(_ALL, lambda span: fsum(span.values)),
-    "energy": Aggregate(_ALL, lambda span: fsum(span.values) / (span.end - span.begin)),
+    "energy": Aggregate(_ALL, _energy),
 }
 
 

@@ -69,15 +69,17 @@ class Alignment:
 
     Interval k is [k period, (k + 1) period) in UTC seconds. It closes when the zone's clock reaches its end plus
     `lateness`; the clock is the least of what its sources say, and a source that has ended no longer counts. For live
-    sources the wall clock moves it on as well (`elapse`). A channel's usable readings are aggregated; without any its
-    value is NaN. Nothing is ever interpolated.
+    sources the wall clock moves it on as well (`elapse`). Inside open intervals readings may come in any order. A
+    channel's usable readings are aggregated; without any its value is NaN. Nothing is ever interpolated.
 
     The first sample is the first interval with a usable reading. From there an interval without any becomes a sample of
-    NaN, but at most `idle_limit` in a row: then the grid falls silent until readings come again. A set-point comes with
-    the samples and makes none; told only when it changes, it holds for a while.
+    NaN, but at most `idle_limit` in a row: then the grid falls silent until readings come again. Samples are strictly
+    increasing in time.
 
-    A bad reading is counted in `faults` and not used. So are one that comes after its interval closed (out of order), a
-    second one of the same channel and time (duplicated; the first is kept), and what goes beyond MOST_READINGS.
+    A set-point comes with the samples and makes none. It may be told only when it changes, so it holds for a while.
+
+    A bad reading is counted in `faults` and not used. So are one that comes after its interval closed (out of order),
+    a second one of the same channel and time (duplicated; the first is kept), and what goes beyond MOST_READINGS.
     """
 
     def __init__(self, network: Network, period: float, sources: Iterable[str], rules: Rules | None = None) -> None:
@@ -175,7 +177,10 @@ class Alignment:
         return (int((now - self._rules.lateness) // self._period) - 1) * self._period
 
     def set_back(self, now: float) -> None:
-        """The wall clock was set back to `now`: go on from there, without the intervals dated by a wrong one."""
+        """The wall clock was set back to `now`, and what lies ahead of it was set aside: the grid goes on from there.
+
+        Open intervals are given up; their readings were dated by the clock that was wrong.
+        """
         self._open.clear()
         self._clocks = dict.fromkeys(self._clocks, -inf)
         self._closed = self.last_before(now) // self._period

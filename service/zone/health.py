@@ -22,8 +22,12 @@ def state_and_reason(
     now: float,
     lag: str | None = None,
 ) -> tuple[str, str]:
-    """One of STATES, and why: `failure` of the last step, `trouble` with sources, `live` by the wall clock, `ended`
-    where no source will deliver any more, `lag` of the estimator, wall-clock time `now` (UTC s)."""
+    """One of `service.records.view.STATES`, and why.
+
+    `failure` is why the last step failed, `trouble` why sources do not deliver; `live` says that the zone goes by the
+    wall clock, `ended` that no source will deliver any more, `lag` why
+    the estimator has not kept up, `now` what the wall clock says (UTC s).
+    """
     if failure is not None:
         return "failed", failure
     if trouble and not live:

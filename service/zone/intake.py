@@ -156,7 +156,8 @@ class Intake:
         return now >= PLAUSIBLE and self.aligned.closed_until > now + self._waited_out
 
     async def end(self, source: str, after: float | None) -> None:
-        """`source` has come to its end, at `after`, UTC s, if that was before this start."""
+        """`source` has come to its end. One that had ended before this start brings no time of its own any more; it
+        then ended at `after`, UTC s."""
         if source not in self.clocks and after is not None:
             self.clocks[source] = after
         self.trouble.pop(source, None)
@@ -188,14 +189,16 @@ class Intake:
                 await self.mailbox.put(accepted, patient=not self.live)
 
     async def close(self) -> None:
-        """No sample follows: what is being accepted still is, unless the journal fails, and nothing later."""
+        """No sample follows: what is being accepted still is, unless the journal fails; what comes later is passed
+        over."""
         self._closing.set()
         async with self.accepting:
             self._closed = True
         self.mailbox.tell(Mark.CLOSED)
 
     async def _append(self, sample: Sample) -> bool:
-        """Journal a sample, for as long as it takes. False where it failed and the mailbox closes."""
+        """Journal a sample, for as long as it takes: without a journal nothing may be accepted. False where it failed
+        and the mailbox closes."""
         pause = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE)
         while True:
             try:

@@ -182,7 +182,8 @@ def _skilful(window: HorizonSkill, threshold: Threshold) -> bool:
 
 
 def _told(one: HorizonTrust, update: Update, disturbed: bool, lies: str) -> HorizonTrust:
-    """The horizon as verified, unless this moment is worse; `lies`: what telemetry is not to be believed."""
+    """The horizon as it is published: as verified, unless this moment is worse; `lies` says what of the telemetry is
+    not to be believed."""
     level, reason = one.verified, one.why
     if update.outcome == Outcome.VANISHED:
         level, reason = UNTRUSTED, "the model cannot explain the last measurement"

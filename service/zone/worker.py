@@ -182,7 +182,8 @@ class ZoneWorker:
         return None if standing is None else believed(self.estimator, standing.state, np.array(levels, dtype=float))
 
     def heat_loss(self, levels: Sequence[float]) -> list[float] | None:
-        """Posterior quantiles of the heat-loss coefficient, W/K; None before the first sample, or if unknown."""
+        """Posterior quantiles of the heat-loss coefficient, W/K; None before the first sample, and for an estimator
+        that does not know of any."""
         summary = self.parameters(levels)
         known = summary is not None and bool(np.isfinite(summary.heat_loss).all())
         return summary.heat_loss.tolist() if summary is not None and known else None

@@ -1,6 +1,12 @@
-"""One zone inside the daemon: its worker, fed from its mailbox in order, and what happens when the worker fails. It is
-restored from checkpoint and journal after a pause that grows; meanwhile samples go on into the journal. A sample on
-which it fails repeatedly is marked there and passed over, unless it is the environment that fails."""
+"""One zone inside the daemon: its worker, fed from its mailbox, and what happens when the worker fails.
+
+A sample is journaled when it is accepted and assimilated from the mailbox, strictly in order. The worker is restored
+from its newest checkpoint, and stepped over what the journal holds beyond that; the journal keeps everything that is
+later than the oldest checkpoint, so that one which is damaged costs time and nothing else. When a step fails, the zone
+is restored after a pause that grows; meanwhile samples go on into the journal, so that nothing is lost and no other
+zone waits. A sample on which the zone fails repeatedly is marked in the journal and passed over, unless it is the
+environment that fails.
+"""
 
 import asyncio
 import logging
@@ -147,8 +153,10 @@ class Zone:
         return await self._store.series(stretch)
 
     async def restore(self) -> int | None:
-        """Rebuild the worker from checkpoint and journal; the time of the last accepted sample. Raises
-        StateMismatch."""
+        """Rebuild the worker from checkpoint and journal; the time of the last accepted sample.
+
+        Raises StateMismatch where the stored state belongs to another network.
+        """
         worker, store = self.worker.anew(), self._store
         await store.claim(self.id, self.fingerprint)
         checkpoint = await self._in_pool(store.checkpoints.load, self.id, self.fingerprint)
@@ -166,8 +174,9 @@ class Zone:
         return await store.resume_after(self.id, at)
 
     def align(self, alignment: Alignment, live: bool = False, pace: float = inf) -> None:
-        """Take telemetry through `alignment` from now on, after `prepare`: a `live` zone by the wall clock (`elapse`),
-        a recording played at so many times its `pace`."""
+        """Take telemetry through `alignment` from now on; before `deliver`, after `prepare`. A `live` zone goes by the
+        wall clock (`elapse`), not by what its sources say the time is; a recording is played at so many times its
+        `pace`."""
         self.intake.alignment, self.intake.live = alignment, live
         self._timeliness.patience = self.period if live else inf if pace == inf else self.period / pace
 

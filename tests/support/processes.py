@@ -22,8 +22,8 @@ from support.waiting import PATIENCE, Found, wait_until
 
 def program(name: str, package: str, first: str = "") -> str:
     """Where a program is that a `package` of Debian brings, in folders `first` or the usual ones; skips without it."""
-    path = os.pathsep.join([first, os.environ.get("PATH", ""), "/usr/sbin", "/usr/local/sbin"])
-    found = shutil.which(name, path=path)
+    folders = filter(None, [first, os.environ.get("PATH"), "/usr/sbin", "/usr/local/sbin"])
+    found = shutil.which(name, path=os.pathsep.join(folders))
     if found is None:
         pytest.skip(f"{name} is not installed; on Debian: apt-get install {package}")
     return found

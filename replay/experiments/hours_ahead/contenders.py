@@ -30,7 +30,10 @@ def seeded(contender: Contender) -> bool:
 
 
 def contenders(request: Request) -> list[Contender]:
-    """Those of --contender, or the usual ones and what the zone of --config has, if it is another."""
+    """Those of --contender, or the usual ones and what the zone of --config has been given; with --particles if given.
+
+    A zone that leaves its estimator at the defaults adds none: it would be another name for the same.
+    """
     if request.contender:
         found = [named(text) for text in request.contender]
         if any(contender.estimator == BOOSTING for contender in found):
@@ -64,7 +67,10 @@ def named(text: str, place: str = "--contender") -> Contender:
 
 
 def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) -> Iterator[Job]:
-    """The runs of `contender` on `recording`, for each seed if it draws; OptionsError for its options."""
+    """The runs of `contender` on `recording`, one for each seed that it makes a difference to.
+
+    Raises OptionsError where the estimator refuses its options.
+    """
     leads, series, period = tuple(leads_of(recording.period).values()), recording.series, recording.period
     if contender.estimator in (*NAIVE, *DIRECT):
         work = run_naive if contender.estimator in NAIVE else run_direct

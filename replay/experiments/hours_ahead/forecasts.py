@@ -77,8 +77,11 @@ def no_forecasts(rows: int, horizons: int) -> Forecasts:
 
 
 def run_naive(run: PlainRun) -> Arrays:
-    """The arrays of `Forecasts`: that nothing changes, or that the next day is like the last, as far as the recording
-    reaches. For a missing value stands the last one measured before."""
+    """The arrays of `Forecasts`: that nothing changes, or that the next day is like the last.
+
+    Where nothing was measured at the time in question, the last value measured before it stands in. Yesterday stands
+    back behind persistence where the recording does not reach that far.
+    """
     series, y = run.series, run.series.outputs[:, 0]
     last, rows = last_measured(y), np.arange(len(y))
     day_before = np.searchsorted(series.times, series.times - DAY)

@@ -57,7 +57,10 @@ def read_zone(config: Config, table: ZoneConfig) -> ZoneRecord:
 
 
 def live_zone(state_dir: Path, table: ZoneConfig) -> ZoneRecord:
-    """The samples that a daemon on `state_dir` has accepted for `table`; ServiceError or ReplayError."""
+    """The samples that a daemon on `state_dir` has accepted for the zone `table`, also while it runs.
+
+    ServiceError or ReplayError where they cannot be read.
+    """
     samples = stored_samples(state_dir, table)
     if not samples:
         raise ReplayError(f"zone '{table.id}': the daemon on {state_dir} has no sample of it; give it telemetry first")

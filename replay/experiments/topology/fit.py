@@ -36,6 +36,7 @@ def fitted(parameter: str) -> str:
 
 
 def at_bound(parameter: str) -> str:
+    """Name of the figure that is 1 where `parameter` ended at an end of its box, and 0 elsewhere."""
     return f"at a bound: {parameter}"
 
 
@@ -92,7 +93,10 @@ def split(record: ZoneRecord, windows: Sequence[Window], output: str) -> tuple[l
 def figures(
     network: Network, record: ZoneRecord, windows: Sequence[Window], found: Arrays, time_zone: str
 ) -> dict[str, float]:
-    """The figures of Table 3 for the first measured node, NaN where it has none, and of every parameter."""
+    """The figures of Table 3 for the first measured node, and those of every parameter.
+
+    NaN where the recording has no such window or no held-out rest.
+    """
     grid = np.full(int((record.times[-1] - record.times[0]) // record.period) + 1, np.nan)
     restarted: dict[str, list[float]] = {NIGHTS: [], DAYS: []}
     for (begin, end), start in zip(windows, found["initial_states"], strict=True):

@@ -37,7 +37,8 @@ class Place(NamedTuple):
 
 
 def proposal(network: Network, theta: Array, at_bound: Sequence[str]) -> Network:
-    """`network` with boxes around `theta` (n_theta,), but for what is `at_bound`, which nobody could place."""
+    """`network` with boxes around `theta` (n_theta,); a parameter at a bound keeps the box it had, within which the
+    data could not place it."""
     parameters = tuple(
         _around(parameter, float(value)) if parameter.free and parameter.name not in at_bound else parameter
         for parameter, value in zip(network.parameters, theta, strict=True)

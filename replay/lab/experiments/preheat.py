@@ -27,7 +27,8 @@ MORNINGS, STARTS, IN_TIME, BEEN, PROMISED, EARLY = (
 
 
 class _Question(NamedTuple):
-    """A morning: steps of the plant of question, start and end; whether a start was told; the probability."""
+    """A room's morning: `step` of the plant at which it was asked, those at which to start and to be warm, and whether
+    a start was told; the probability promised."""
 
     room: int
     step: int

@@ -1,4 +1,7 @@
-"""The recordings that forecasts are compared on, each with a network that a user would take."""
+"""The recordings that forecasts are compared on, each with a network that a user would take.
+
+A new one is a function from the folder of --data to a `Recording`, and one line in `RECORDINGS`.
+"""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence

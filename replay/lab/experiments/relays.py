@@ -55,7 +55,8 @@ def study(
     figures: Callable[[Arrays], Figures],
     report: Callable[[Results], Report],
 ) -> Study:
-    """An experiment in which `live` asks a bank; ReplayError for `request`, EnergyPlusMissing."""
+    """An experiment in which `live` asks a bank; ReplayError for a `request` that does not fit, EnergyPlusMissing
+    without the extra."""
     request.accept("seeds", "days", "building")
     library()
     days = request.days or DAYS

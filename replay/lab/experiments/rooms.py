@@ -71,7 +71,8 @@ def check_folder(folder: Path | None, files: Sequence[str]) -> None:
 
 
 def read_room(name: str, folder: Path | None) -> Recording | None:
-    """The recording of that name below `folder`, with its network; None without its file. Raises ReplayError."""
+    """The recording of that name below `folder`, with its network; None where its file is not
+    there, ReplayError where it is not what it should be."""
     room = ROOMS[name]
     path = folder and folder / room.file
     if path is None or not path.exists():

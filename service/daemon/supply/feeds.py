@@ -53,7 +53,7 @@ class Feed:
 
     async def receive(self, posted: Sequence[Posted], zone: str | None) -> Receipt:
         """Hand what was posted to the zones, or to `zone` alone; what is accepted is durable on return. Raises
-        ServiceError."""
+        ServiceError; whoever posts the same again gets the same."""
         assert isinstance(self.source, HttpSource)
         received = self.source.receive(posted, zone)
         self.tally.readings += len(received.readings)

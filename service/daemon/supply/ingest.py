@@ -48,9 +48,12 @@ class Ingest:
 
 
 async def hand(feeds: Iterable[Feed], posted: Sequence[Posted], zone: str | None) -> Receipt:
-    """What became of `posted` at all of `feeds`, in the order of times, TOGETHER in a turn of the event loop. Raises
-    ServiceError, after which the turns before stay accepted, and RequestRefused where many channels ask for many
-    values."""
+    """What became of `posted` at those of `feeds` that are posted to, all of them together. Raises ServiceError, and
+    RequestRefused where many channels ask for many values.
+
+    Values go in the order of their times, TOGETHER in a turn of the event loop. Where one turn fails, those before it
+    stay accepted: who posts again is told that they are known.
+    """
     feeds = [feed for feed in feeds if feed.is_posted_to]
     receipt, unknown, now = NOTHING, list[Posted](), time.time()
     ordered = sorted(posted, key=lambda one: now if one.time is None else one.time)

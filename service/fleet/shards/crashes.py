@@ -36,7 +36,8 @@ class Suspect(NamedTuple):
 
 
 class Crashes:
-    """The notes of the shard `name` of `site` on this machine; one that is lost takes them along."""
+    """The notes of the shard `name` of `site` on this machine. A machine that is lost takes them along: that is no
+    zone's fault."""
 
     def __init__(self, site: str, name: str, folder: Path | None = None) -> None:
         """Reads what the process before has left. A folder that cannot be written costs the notes alone."""
@@ -63,7 +64,8 @@ class Crashes:
 
     @contextmanager
     def stepping(self, zone: str, time: int) -> Iterator[None]:
-        """Step `zone` with the sample at `time` in this thread; alone, while there are suspects."""
+        """While it lasts, this thread steps `zone` with the sample at `time`; alone, until the suspects are known to be
+        innocent."""
         with self._alone if self._suspected else nullcontext():
             self._note(Suspect(zone, time, self._suspected.get((zone, time), 0)))
             try:

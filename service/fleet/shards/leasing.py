@@ -91,7 +91,8 @@ def _taken(connection: str, site: str, name: str, owner: str, seconds: float, lo
 
 
 class LeasedSink(Sink):
-    """A sink that passes on what is announced while the lease holds; whoever opened that closes it."""
+    """A sink that passes on what is announced while the lease holds, and nothing afterwards. Who opened the sink closes
+    it."""
 
     def __init__(self, sink: Sink, leased: Leased) -> None:
         self._sink, self._leased = sink, leased

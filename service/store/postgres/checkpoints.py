@@ -15,7 +15,8 @@ _log = logging.getLogger(__name__)
 
 
 class PostgresCheckpoints(Checkpoints):
-    """Checkpoints in `database`, asked from any thread. Raises JournalError, and Fenced on writing."""
+    """Checkpoints in `database`. It may be asked from any thread, one after the other. Every method may raise
+    JournalError, and those that write Fenced."""
 
     def __init__(self, database: PostgresDatabase) -> None:
         self._database = database

@@ -41,8 +41,10 @@ class Lease(NamedTuple):
 
 
 class Leases:
-    """The leases of `site` in the database that `connection` names, which measures all times. Blocking, for one thread
-    at a time."""
+    """The leases of `site` in the database that `connection` names. Blocking, for one thread at a time.
+
+    Times are measured by the database: only how fast the clock of a machine goes matters here, not what it shows.
+    """
 
     def __init__(self, connection: str, site: str) -> None:
         self._database = PostgresDatabase(connection, site)
@@ -53,8 +55,11 @@ class Leases:
             raise
 
     def acquire(self, name: str, owner: str, seconds: float) -> Lease:
-        """Take the lease `name` for `seconds`, in a new epoch. It has to be free, expired, or of the same `owner`,
-        whose earlier epoch is fenced then; else LeaseHeld. JournalError where the database cannot be reached."""
+        """Take the lease `name` for `seconds`, in a new epoch.
+
+        It has to be free, expired, or of the same `owner`, whose earlier epoch is fenced then; else LeaseHeld, which
+        tells in how many s it expires. JournalError where the database cannot be reached.
+        """
 
         def work(cursor: Cursor) -> int:
             taken = cursor.execute(

@@ -17,7 +17,8 @@ from service.web.control.models import ZoneForecastPayload
 
 
 def model_npz(model: ModelPayload, site: str, zone: str) -> bytes:
-    """The model of `zone` as an npz: matrices at the posterior mean, `draws_`..., and the rest as JSON in `about`."""
+    """The model of `zone` as an npz of arrays: the matrices at the posterior mean by their letters, those of the draws
+    with `draws_` before them, and everything else as JSON in `about`."""
     about = document(ModelAbout(*(getattr(model, name) for name in names(ModelAbout))), site, zone).decode()
     gain = np.empty((2, 0)) if model.gain is None else np.array([model.gain.mean, model.gain.sd])
     arrays: dict[str, Any] = {name: getattr(model.mean, name) for name in names(MatricesPayload)}

@@ -153,7 +153,8 @@ def overview_routes(site: Site) -> APIRouter:
 
 
 def overview_row(zone: ZoneView, ahead: AheadPayload | None, day: Spark | None, drawn: bool = True) -> OverviewRow:
-    """`zone` at a glance, with what is known of the hours ahead and its last `day`, the line where `drawn`."""
+    """`zone` at a glance, with as much of the hours ahead and of its last `day` as is known; without the line of that
+    unless it is to be `drawn`."""
     status, update, trusted = zone.now()
     often: Literal["", "cold", "warm"] = "" if day is None else day.often
     trust = trusted.at(_seconds(LEADS[-1], zone.period))

@@ -21,7 +21,8 @@ class FollowedFiles:
         self.look()
 
     def look(self) -> None:
-        """Take the files for known as they are now, before they are read: a change meanwhile is seen."""
+        """Take the files for known as they are now; to be called before they are read, so that what changes meanwhile
+        is read again."""
         self._seen: list[_Signature] | None = list(map(_signature, self._paths))
 
     def follow(self, read: Callable[[], None], until_then: str) -> bool:

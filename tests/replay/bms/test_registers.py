@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 from support.tables import tabled
 
+from replay.bms import register_map
 from replay.bms.living.building import design
-from replay.bms.plant import HEADINGS, devices, register_map
+from replay.bms.plant import devices
 from replay.bms.registers import Register, encode
 
 
@@ -47,6 +48,6 @@ def test_registers_of_a_table_do_not_overlap_and_unit_ids_are_unique() -> None:
 
 
 def test_the_map_says_what_each_register_is() -> None:
-    text = register_map(devices(design(2, 1), pace=1.0))
-    assert text[0].split() == list(HEADINGS)
+    text = register_map.as_text(devices(design(2, 1), pace=1.0))
+    assert text[0].split() == list(register_map.HEADINGS)
     assert text[1].split() == ["weather", "1", "T_out", "input", "0", "1", "int16", "ABCD", "0.1", "degC", "0x8000"]

@@ -69,8 +69,11 @@ def study(
     entered: Mapping[str, Sequence[Contender]],
     written: Callable[[Results, Ready], Report],
 ) -> Study:
-    """The contenders `entered` by recording, each over the building of every seed (`seeds` if none are asked for);
-    LEAST_SQUARES is a fit, KNOWING is told of the gain as well. Raises ReplayError."""
+    """The contenders `entered` by recording, each over the building of every seed (`seeds` of them, unless others are
+    asked for). ReplayError where `request` cannot be met.
+
+    The contender LEAST_SQUARES is a fit; KNOWING is told of the gain as well.
+    """
     request.accept("data", "seeds", "days", "particles")
     cases = {seed: simulated_case(request, seed) for seed in steps(request.seeds_or(seeds), "simulating")}
     jobs = [
