@@ -116,19 +116,21 @@ def read_zone(folder: Path, name: str | None) -> tuple[Session, Counter[Fault]]:
 
 def _as_in_a_notebook(zone: ZoneConfig, site: SiteConfig) -> Settings:
     """The settings of a zone of a daemon, whose tables have columns called as its channels, in the network's units."""
-    columns = {name: {"column": name, **_ages(channel)} for name, channel in zone.channels.items()}
+    columns = {name: {"column": name, **_limits(channel)} for name, channel in zone.channels.items()}
     if zone.setpoint is not None:
-        columns[SET_POINTS] = {"column": SET_POINTS, **_ages(zone.setpoint)}
+        columns[SET_POINTS] = {"column": SET_POINTS, **_limits(zone.setpoint)}
     given = {name: getattr(zone, name) for name in _OF_ZONE if getattr(zone, name) is not None}
     given |= {name: getattr(site, name) for name in PLACE if getattr(site, name) is not None}
-    return settings_of(zone.network, columns, site.time_zone or "UTC", given)
+    return settings_of(zone.network, columns, site.time_zone or "UTC", given, stored=True)
 
 
-def _ages(channel: ChannelConfig) -> dict[str, float]:
-    return {} if channel.max_age is None else {"max_age": channel.max_age}
+def _limits(channel: ChannelConfig) -> dict[str, object]:
+    """What is believed, held and planned of a channel, of the power of a valve as much as it has at 100 %."""
+    limits = {"max_age": channel.max_age, "valid": channel.valid, "installed": channel.installed or channel.nominal}
+    return {name: value for name, value in limits.items() if value is not None}
 
 
-_OF_ZONE = ("period", "estimator", "estimator_options", "seed", "levels", "max_gap", "hold_inputs", "habits", "sun")
+_OF_ZONE = ("period", "estimator", "estimator_options", "seed", "levels", "max_gap", "hold_inputs", "floor_area")
 _MOST_ROWS = 2**31
 
 
@@ -136,8 +138,5 @@ def _settings(meta: Mapping[str, Any]) -> Settings:
     network = _NETWORK.validate_json(json.dumps(meta["network"]))
     # Before the default changed, a model that was told no estimator was saved without one.
     given = {"estimator": FORMER_ESTIMATOR, **meta["settings"]}
-    # The network has the sun and the habits that it was saved with, or none.
-    if not network.terms:
-        given |= {"habits": False, "sun": False}
-    settings = settings_of(network, given.pop("columns"), meta["tz"], given)
+    settings = settings_of(network, given.pop("columns"), meta["tz"], given, stored=True)
     return settings._replace(other_columns=tuple(meta["other_columns"]))

@@ -101,8 +101,11 @@ def network_of(network: object, channels: Collection[str] = ()) -> Network:
     return found
 
 
-def settings_of(network: Network, columns: Mapping[str, Any], tz: str, given: Mapping[str, Any]) -> Settings:
-    """The checked settings; `given` has keys of a zone, and PLACE of the site. ConfigError with every mistake."""
+def settings_of(
+    network: Network, columns: Mapping[str, Any], tz: str, given: Mapping[str, Any], *, stored: bool = False
+) -> Settings:
+    """The checked settings; `given` has keys of a zone, and PLACE of the site, whose sun, habits and priors a `stored`
+    network has already, or is to go on without. ConfigError with every mistake."""
     tables = _column_tables(network, columns)
     problems = Problems({**given, "channels": tables})
     place_table = {name: given[name] for name in PLACE if name in given}
@@ -115,7 +118,8 @@ def settings_of(network: Network, columns: Mapping[str, Any], tz: str, given: Ma
     # The network is checked; a preset stands for it where the table asks for one.
     described |= {"id": ZONE, "network": "tite", "channels": channels}
     draft = read_zone(described, (), {ZONE: ("csv", None)}, problems, {"site": ZONE, "folder": Path()})
-    draft.network = network if draft.table is None else heated(network, draft.table, whereabouts, (), problems)
+    table = None if stored else draft.table
+    draft.network = network if table is None else heated(network, table, whereabouts, (), problems)
     shared([draft], problems)
     options = check_zone(draft, {}, problems)
     if problems.sentences or draft.table is None:

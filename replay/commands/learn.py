@@ -45,6 +45,8 @@ def _learn(arguments: argparse.Namespace) -> int:
     if arguments.history is not None:
         config = load_history(arguments.config, arguments.history, arguments.overrides)
     require_zones(config, arguments.reset, "--reset")
+    for warning in config.warnings:
+        print(f"warning: {warning}")
     histories = survey(config, config.zones, arguments.start, arguments.end)
     for history in histories.values():
         print("\n  ".join([history.described, *history.doubts]))

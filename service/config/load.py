@@ -60,21 +60,24 @@ def load_history(path: Path, history: Path, overrides: Sequence[str] = ()) -> Co
     `history` in place of its own; other zones are left out. A Parquet file is history itself: its columns are called
     `zone/channel`, or `channel` where there is one zone only. Raises ConfigError with every mistake found, by its place
     in `history`."""
+    checked = load(path, overrides)
     plant = apply_overrides(_parsed(path), overrides)
-    told = _from_parquet(history, plant) if is_parquet(history) else _parsed(history)
+    told, unused = _from_parquet(history, plant) if is_parquet(history) else (_parsed(history), [])
     problems = Problems(told)
+    if unused:
+        problems.warn(("sources", _HISTORY), f"no channel is called like its columns {', '.join(unused)}")
     for key in told:
         if key not in _OF_HISTORY:
             problems.add((key,), f"does not belong into a history; it has {' and '.join(_OF_HISTORY)} only")
     zones = [
-        _with_history(table, index, plant, path, problems)
+        _with_history(table, ("zones", index), plant, checked, path, problems)
         for index, table in enumerate(_raw_zones(told, problems))
         if isinstance(table, dict)
     ]
     if problems.sentences:
         raise ConfigError(problems.sentences)
     # Relative paths are those of the folder of their own file.
-    site = dict(plant.get("site", {}))
+    site = dict(plant["site"])
     site["state_dir"] = str(path.resolve().parent / site.get("state_dir", "var/thermogate"))
     raw = {"site": site, "sources": told.get("sources"), "zones": zones}
     return _read(raw, history.resolve().parent, problems)
@@ -83,12 +86,13 @@ def load_history(path: Path, history: Path, overrides: Sequence[str] = ()) -> Co
 _OF_HISTORY = ("sources", "zones")
 _OF_HISTORY_ZONES = ("id", "channels", SETPOINT)
 _HISTORY = "history"
-_OF_RECORDED = ("unit", "nominal", "aggregate", "valid", "max_age", "share")
+_OF_RECORDED = ("unit", "nominal", "aggregate", "valid", "max_age")
 """Keys of a channel that its history shares: the rest says how the live value is found."""
 
 
-def _from_parquet(history: Path, plant: Mapping[str, Any]) -> dict[str, Any]:
-    """The Parquet file `history` as the tables of a history of `plant`; every value is in the unit of its channel."""
+def _from_parquet(history: Path, plant: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """The Parquet file `history` as the tables of a history of `plant`, and its columns that are of no use; every value
+    is in the unit of its channel."""
     try:
         columns = parquet_columns(history)
     except SourceError as error:
@@ -96,56 +100,55 @@ def _from_parquet(history: Path, plant: Mapping[str, Any]) -> dict[str, Any]:
     times = [name for name, is_time in columns.items() if is_time]
     if len(times) != 1:
         raise ConfigError([f"{history}: it has {len(times)} columns of times, and needs one; write it again"])
-    problems, zones = Problems(plant), []
-    tables = [table for table in _raw_zones(plant, problems) if isinstance(table, dict)]
-    for table in tables:
-        wanted = {**dict(table.get("channels", {})), **({SETPOINT: table[SETPOINT]} if SETPOINT in table else {})}
+    zones, used = list[dict[str, Any]](), {times[0]}
+    for table in plant["zones"]:
+        wanted = {**table["channels"], **({SETPOINT: table[SETPOINT]} if SETPOINT in table else {})}
         found = {}
         for name, channel in wanted.items():
-            column = next((one for one in (f"{table.get('id')}/{name}", name) if one in columns), None)
-            if column is not None and (column != name or len(tables) == 1) and isinstance(channel, dict):
+            column = next((one for one in (f"{table['id']}/{name}", name) if one in columns), None)
+            if column is not None and (column != name or len(plant["zones"]) == 1):
                 shared = {key: channel[key] for key in _OF_RECORDED if key in channel}
                 found[name] = {**shared, "source": _HISTORY, "column": column}
+                used.add(column)
         if found:
             setpoint = {SETPOINT: found.pop(SETPOINT)} if SETPOINT in found else {}
-            zones.append({"id": table.get("id"), "channels": found, **setpoint})
+            zones.append({"id": table["id"], "channels": found, **setpoint})
     if not zones:
         raise ConfigError(
             [f"{history}: no column is called like a channel, such as room/T_i; its columns are {', '.join(columns)}"]
         )
-    zone = plant.get("site", {}).get("time_zone")
+    zone = plant["site"].get("time_zone")
     timestamp = {"column": times[0], **({"zone": zone} if zone else {})}
     source = {"kind": "csv", "files": [str(history.resolve())], "timestamp": timestamp}
-    return {"sources": {_HISTORY: source}, "zones": zones}
+    return {"sources": {_HISTORY: source}, "zones": zones}, [name for name in columns if name not in used]
 
 
 def _with_history(
-    told: Mapping[str, Any], index: int, plant: Mapping[str, Any], path: Path, problems: Problems
+    told: Mapping[str, Any], place: Place, plant: Mapping[str, Any], checked: Config, path: Path, problems: Problems
 ) -> dict[str, Any]:
-    """The zone of `plant` that `told` names, with the telemetry of `told`."""
-    place: Place = ("zones", index)
+    """The zone of `plant`, which is `checked`, that `told` at `place` names, with the telemetry of `told`."""
+    foreign = f"does not belong into a history; a zone there has {', '.join(_OF_HISTORY_ZONES)}"
     for key in told:
         if key not in _OF_HISTORY_ZONES:
-            problems.add(
-                (*place, key), f"does not belong into a history; a zone there has {', '.join(_OF_HISTORY_ZONES)}"
-            )
-    tables = plant.get("zones")
-    zones = {zone.get("id"): zone for zone in (tables if isinstance(tables, list) else ()) if isinstance(zone, dict)}
-    zone = zones.get(told.get("id"))
-    if zone is None:
-        known = suggestion(told.get("id"), [str(name) for name in zones], "its zones are")
-        problems.add((*place, "id"), f"{path} has no zone {shown(told.get('id'))}; {known}")
+            problems.add((*place, key), foreign)
+    id, channels = told.get("id"), told.get("channels")
+    found = next((pair for pair in zip(plant["zones"], checked.zones, strict=True) if pair[1].id == id), None)
+    if found is None:
+        known = suggestion(id, [zone.id for zone in checked.zones], "its zones are")
+        problems.add((*place, "id"), f"{path} has no zone {shown(id)}; {known}")
         return {}
-    own, channels = zone.get("channels"), told.get("channels")
-    if isinstance(own, dict) and isinstance(channels, dict) and set(own) != set(channels):
-        problems.add(
-            (*place, "channels"),
-            f"must name the same channels as zone {shown(told['id'])} of {path}, which are {', '.join(own)}",
-        )
-    if isinstance(own, dict) and isinstance(channels, dict):
-        # The state belongs to a network with the share.
-        shares = {name: {"share": table["share"]} for name, table in own.items() if "share" in table}
-        told = {**told, "channels": {name: shares.get(name, {}) | table for name, table in channels.items()}}
+    zone, network = found[0], found[1].network
+    if isinstance(channels, dict):
+        if set(zone["channels"]) != set(channels):
+            own = ", ".join(zone["channels"])
+            sentence = f"must name the same channels as zone {shown(id)} of {path}, which are {own}"
+            problems.add((*place, "channels"), sentence)
+        # The state belongs to a network with the share, which other zones may have a part in that have no history.
+        shares = {name: {"share": network.parameters[at].typical} for name, at in network.shares.items()}
+        tables = {name: table for name, table in channels.items() if isinstance(table, dict) and name in shares}
+        told = {**told, "channels": {**channels, **{name: table | shares[name] for name, table in tables.items()}}}
+    if SETPOINT in zone and SETPOINT not in told:
+        problems.warn(place, f"has no {SETPOINT}, which zone {shown(id)} of {path} has: its thermostat learns nothing")
     return {key: value for key, value in zone.items() if key not in _OF_HISTORY_ZONES} | dict(told)
 
 

@@ -55,6 +55,8 @@ def test_a_model_of_a_daemon_is_where_the_daemon_is(folder):
     assert "144 samples in 1 segment, 2025-01-10 00:00 to 2025-01-12 23:30" in repr(model)
     assert len(model.predictions) == 9
     assert len(model.demand(horizon="3h")) > 0
+    with pytest.raises(tg.ServiceError, match="to 7000 W can be planned"):
+        model.forecast({"u_heat": 7001.0}, horizon="1h")
 
 
 def test_it_goes_on_from_tables_and_is_saved_like_any_other(folder, tmp_path):
@@ -76,7 +78,8 @@ def test_its_history_is_that_of_the_daemon(folder, tmp_path):
     np.testing.assert_allclose(measured.get_ydata(), TABLE["T_i"].iloc[:CUT])
     heat = history.axes[2].get_lines()[0].get_ydata()
     np.testing.assert_allclose(heat, TABLE["u_heat"].iloc[:CUT])
-    assert "How is this room?" in model.report(tmp_path / "office.html").read_text()
+    report = model.report(tmp_path / "office.html").read_text()
+    assert all(said in report for said in ("How is this room?", "for each m²"))
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from support.waiting import wait_until
 import thermogate as tg
 from replay.recorded import learning
 from replay.recorded.learning import learn
+from replay.recorded.tables import cells, utc_stamps, write_table
 from service.cli.main import main
 from service.config.fitting import fingerprint, make_worker
 from service.config.load import load, load_history
@@ -56,16 +57,17 @@ def state_of(folder):
         return zone, samples, rows, state.checkpoint("room", fingerprint(zone))
 
 
-def same_samples(first, second):
-    # As text: a set-point that nobody tells is NaN.
-    return list(map(repr, first[1])) == list(map(repr, second[1]))
-
-
 def assert_same(first, second):
     assert first.step == second.step
     assert first.arrays.keys() == second.arrays.keys()
     for name, value in first.arrays.items():
         assert np.array_equal(value, second.arrays[name], equal_nan=value.dtype.kind == "f"), name
+
+
+def assert_same_state(first, second):
+    # As text: a set-point that nobody tells is NaN.
+    assert list(map(repr, first[1])) == list(map(repr, second[1]))
+    assert_same(first[3], second[3])
 
 
 @pytest.fixture(autouse=True)
@@ -112,9 +114,7 @@ def test_a_second_run_finds_nothing_new_and_changes_nothing(whole, tmp_path):
     result = learned(tmp_path / "again")
     assert result.traces == []
     assert result.known == {"room": len(before[1])}
-    after = state_of(tmp_path / "again")
-    assert same_samples(after, before)
-    assert_same(after[3], before[3])
+    assert_same_state(state_of(tmp_path / "again"), before)
 
 
 def test_a_run_that_was_interrupted_goes_on_with_the_same_bits(whole, tmp_path):
@@ -124,8 +124,7 @@ def test_a_run_that_was_interrupted_goes_on_with_the_same_bits(whole, tmp_path):
     # The process was killed after the journal had the samples and before the checkpoints were written.
     shutil.rmtree(folder / "state" / "checkpoints")
     assert learned(folder).known == {"room": 100}
-    assert same_samples(state_of(folder), state_of(whole[0]))
-    assert_same(state_of(folder)[3], state_of(whole[0])[3])
+    assert_same_state(state_of(folder), state_of(whole[0]))
 
 
 def zone_of(text, changes):
@@ -138,14 +137,12 @@ def zone_of(text, changes):
 
 def two_rooms(folder):
     """Two rooms of one recording of days, of which the second is a little warmer."""
-    rng, days = np.random.default_rng(1), 10
-    begin = np.datetime64("2025-01-01T00:00:00")
-    lines = ["time,first,second,outdoors,power"]
-    for k in range(96 * days):
-        heat = 1500.0 * (k % 96 in range(24, 80))
-        values = 20.0 + 0.001 * heat + rng.normal(0.0, 0.05), 21.0 + 0.001 * heat, 5.0 * np.sin(k / 15.3), heat
-        lines.append(",".join([f"{begin + np.timedelta64(15 * k, 'm')}Z", *(f"{value:.3f}" for value in values)]))
-    (folder / "days.csv").write_text("\n".join(lines) + "\n")
+    rng, k = np.random.default_rng(1), np.arange(96 * 10)
+    heat = 1500.0 * np.isin(k % 96, np.arange(24, 80))
+    rooms = {"first": 20.0 + 0.001 * heat + rng.normal(0.0, 0.05, k.size), "second": 21.0 + 0.001 * heat}
+    rooms |= {"outdoors": 5.0 * np.sin(k / 15.3), "power": heat}
+    numbers = {name: cells(values, 3) for name, values in rooms.items()}
+    write_table(folder / "days.csv", {"time": utc_stamps(1_735_689_600 + 900 * k), **numbers})
     columns = {"Aussentemperatur": "outdoors", "Heizleistung_kW": "power", '"kW"': '"W"'}
     plant = PLANT.partition("[[zones]]")[0]
     history = f'[sources.export]\nkind = "csv"\nfiles = ["{folder / "days.csv"}"]\ntimestamp = {{ column = "time" }}\n'
@@ -225,6 +222,13 @@ def test_mistakes_in_a_history_are_explained(tmp_path, old, new, sentence):
     assert any(sentence in problem for problem in raised.value.problems), raised.value.problems
 
 
+def test_a_history_of_one_of_the_zones_of_a_meter_has_its_share(tmp_path):
+    paths = written(tmp_path, (PLANT + NEXT_DOOR).replace('unit = "W"', 'unit = "W", share = "boiler"'))
+    config = load_history(*paths, ['zones.room.setpoint={ source = "bms", topic = "s", unit = "degC" }'])
+    assert config.zones[0].network == load(paths[0]).zones[0].network
+    assert "has no setpoint, which zone" in config.warnings[0]
+
+
 def test_a_running_daemon_and_a_live_source_are_refused(tmp_path):
     config = load_history(*written(tmp_path))
     histories = surveyed(config)
@@ -245,8 +249,10 @@ def test_a_parquet_file_is_history_as_it_is(tmp_path):
     plant, history = written(tmp_path)
     expected = surveyed(load_history(plant, history))["room"].recorded.samples
     for prefix in ("", "room/"):
-        table.add_prefix(prefix).to_parquet(tmp_path / "history.parquet")
-        found = surveyed(load_history(plant, tmp_path / "history.parquet"))["room"].recorded.samples
+        table.add_prefix(prefix).assign(T_set=20.0).to_parquet(tmp_path / "history.parquet")
+        config = load_history(plant, tmp_path / "history.parquet")
+        assert config.warnings == ("sources.history: no channel is called like its columns T_set",)
+        found = surveyed(config)["room"].recorded.samples
         assert [one.time for one in found] == [one.time for one in expected]
         np.testing.assert_allclose([one.inputs for one in found], [one.inputs for one in expected])
         np.testing.assert_allclose([one.outputs for one in found], [one.outputs for one in expected])
