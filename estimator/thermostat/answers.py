@@ -18,6 +18,8 @@ from estimator.types import Mixtures
 
 JOULES = 3.6e6
 """J in a kWh."""
+_TINY = 1e-12
+"""K2."""
 
 
 class Amounts(NamedTuple):
@@ -84,11 +86,19 @@ def total(amounts: Amounts) -> Amounts:
     return amounts._replace(values=amounts.values.sum(axis=1, keepdims=True), weights=weights)
 
 
-def probability_reached(outputs: Mixtures, value: float) -> float:
-    """That the first output is at least `value` [degC] at some of the times, each component of `outputs` being a future
-    that errs the same way throughout."""
-    above = ndtr((outputs.means[:, 0] - value) / outputs.sds[:, 0]).max(axis=0)
-    return float(outputs.weights[-1] @ above / outputs.weights[-1].sum())
+def probability_reached(outputs: Mixtures, value: float, swings: Array) -> float:
+    """That the first output is at least `value` [degC] at some of h times.
+
+    Each component of `outputs` is a future that errs the same way throughout, but for the swing of a room around its
+    set-point, which is over in an hour: every future swings as each of `swings` (J, h) [K] did, see
+    `estimator.thermostat.memory.swings`, and what the futures differ by has that part taken out.
+    """
+    means, weights = outputs.means[:, 0], outputs.weights[-1] / outputs.weights[-1].sum()
+    middle = (means @ weights)[:, None]
+    spread = np.square(means - middle) @ weights
+    lasting = np.sqrt(np.clip(1.0 - swings.var() / np.maximum(spread, _TINY), 0.0, 1.0))[:, None]
+    above = (middle + lasting * (means - middle))[:, :, None] + swings.T[:, None, :] - value
+    return float(weights @ ndtr(above / outputs.sds[:, 0, :, None]).max(axis=0).mean(axis=1))
 
 
 def latest(reached: Callable[[int], float], last: int, wanted: float) -> int | None:

@@ -7,12 +7,15 @@ the rate of sampling. A zone that nobody tells a set-point remembers nothing and
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from estimator.arrays import DAY, Array, Indices
 
 FORTNIGHT = 14 * DAY
 SLOT = 600
 """Slots are this long, in s, or as long as a period."""
+_SEEN, _SWINGS = 12, 100
+"""Swings from which on there are enough to go by, and how many are told at most."""
 
 
 class Memory(NamedTuple):
@@ -90,3 +93,24 @@ def in_order(memory: Memory, until: float) -> Memory:
     known = np.flatnonzero((memory.times > until - FORTNIGHT) & (memory.times <= until))
     order = known[np.argsort(memory.times[known])]
     return Memory(*(values[order] for values in memory))
+
+
+def swings(memory: Memory, until: float, span: float) -> Array:
+    """(J, n): how far the room was from its mean [K] over a `span` [s] in which the thermostat let it swing, at each
+    of its n slots; zeros where that was seen too rarely in the fortnight before `until` [UTC s].
+
+    It swings where the set-point is not above the room throughout, and has been the same in the span before as well.
+    """
+    length = slot(memory) if len(memory.times) else SLOT
+    slots = max(1, round(span / length))
+    times, setpoints, temperatures, *_ = in_order(memory, until)
+    if len(times) < 2 * slots:
+        return np.zeros((1, slots))
+    steady = np.ptp(sliding_window_view(setpoints, 2 * slots), axis=1) == 0.0
+    steady &= times[2 * slots - 1 :] - times[: 1 - 2 * slots] < (2 * slots - 0.5) * length
+    above = sliding_window_view(temperatures - setpoints, 2 * slots)[steady, slots:]
+    seen = above[above.min(axis=1, initial=np.inf) <= 0.0]
+    if len(seen) < _SEEN:
+        return np.zeros((1, slots))
+    seen = seen[:: -(-len(seen) // _SWINGS)]
+    return np.asarray(seen - seen.mean(axis=1, keepdims=True))

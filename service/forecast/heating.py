@@ -11,7 +11,7 @@ from adapters.fields.durations import spoken_duration
 from adapters.fields.times import ZoneMissing, parse_time, utc, written_time
 from estimator.arrays import Array, Indices
 from estimator.foresight import FUTURES
-from estimator.thermostat import answers
+from estimator.thermostat import answers, memory
 from estimator.thermostat.answers import Amounts
 from estimator.thermostat.live import Fan
 from estimator.types import Mixtures
@@ -98,7 +98,7 @@ class PreheatQuestion(NamedTuple):
         start, period = float(standing.update.forecast.valid_time), worker.period
         steps = max(1, int(np.ceil((self.by - start) / period)))
         futures = _Futures(worker, standing, weather, steps, given_up)
-        before = futures.falling
+        before, (swings, stride) = futures.falling, futures.swings(_SWING)
         fans: dict[int, Fan] = {}
 
         def reached(step: int) -> float:
@@ -108,8 +108,9 @@ class PreheatQuestion(NamedTuple):
             return warm(step)
 
         def warm(step: int) -> float:
-            lately = slice(max(step, steps - round(_SWING / period)) + 1, steps + 1)
-            return answers.probability_reached(fans[step].outputs.during(lately), self.target - self.tolerance)
+            count = min(-(-(steps - step) // stride), swings.shape[1])
+            lately = fans[step].outputs.during(slice(steps - (count - 1) * stride, steps + 1, stride))
+            return answers.probability_reached(lately, self.target - self.tolerance, swings[:, -count:])
 
         found = answers.latest(reached, steps - 1, self.probability)
         fan = fans[0 if found is None else found]
@@ -256,7 +257,7 @@ class _Futures:
         thermostat, self._zone = standing.carried.thermostat, PlannedZone.of(worker, standing, {}, steps)
         if not worker.loop.live.obeyed(thermostat):
             raise NoLaw(self._zone.why_no_law)
-        self.setpoint = float(thermostat.setpoint)
+        self._memory, self.setpoint = thermostat.memory, float(thermostat.setpoint)
         """The set-point now [degC]."""
         self.grid = self._zone.grid
         self._shares, self._columns = Shares.of(worker), thermostat.laws.column.astype(np.int64)
@@ -267,6 +268,11 @@ class _Futures:
     def falling(self) -> Array:
         """(h,): the set-points [degC] while nobody raises any: the present one at most, lower as is likely."""
         return np.asarray(np.fmin.accumulate(np.fmin(self._zone.likely, self.setpoint)))
+
+    def swings(self, span: float) -> tuple[Array, int]:
+        """As `estimator.thermostat.memory.swings`, and the steps from one of its times to the next."""
+        found = memory.swings(self._memory, self.grid.start, span)
+        return found, max(1, round(span / found.shape[1] / self.grid.period))
 
     def planned(self, setpoints: Values) -> Array:
         """(h,): set-points [degC]; the present one where none is planned yet."""

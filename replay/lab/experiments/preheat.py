@@ -21,9 +21,11 @@ from service.forecast.heating import PreheatQuestion
 
 PROBABILITY, TOLERANCE = 0.9, 0.5
 MORNINGS, STARTS, IN_TIME, BEEN, PROMISED, EARLY = (
-    *("mornings", "with a start", "in time", "warm once by then", "promised"),
+    *("mornings", "with a start", "in time", "warm in the 2 h before", "promised"),
     "min too early, median",
 )
+_LATELY = round(2 * HOUR / STEP)
+"""Steps in which a room counts as warm that has been so, as in the answer."""
 
 
 class _Question(NamedTuple):
@@ -79,8 +81,8 @@ class Asking(Learning):
 
 def mornings(run: RelayRun) -> Arrays:
     """By morning of each room, (M,): `told`, whether there was a start; `promised`, the probability; `warm`, whether
-    the room was warm in time; `early` [min], how long before it was warm first after the start, NaN where it never was.
-    """
+    the room was warm in time, and `lately`, whether it was after the start and in the 2 h before; `early` [min], how
+    long before it was warm first after the start, NaN where it never was."""
     scene, asking = run.scene, Asking(run)
     air = close(scene, asking).air
     asked = [one for one in asking.asked if one.by < len(air)]
@@ -94,17 +96,19 @@ def mornings(run: RelayRun) -> Arrays:
         "told": np.array([one.told for one in asked]),
         "promised": np.array([one.promised for one in asked]),
         "warm": np.array([air[one.by, one.room] >= warm[one.room] for one in asked]),
+        "lately": np.array(
+            [(air[max(one.start, one.by - _LATELY) : one.by + 1, one.room] >= warm[one.room]).any() for one in asked]
+        ),
         "early": np.array(early),
     }
 
 
 def _figures(arrays: Arrays) -> Figures:
     known = arrays["early"][np.isfinite(arrays["early"])]
-    shares = {STARTS: "told", IN_TIME: "warm", PROMISED: "promised"}
+    shares = {STARTS: "told", IN_TIME: "warm", BEEN: "lately", PROMISED: "promised"}
     figures = {name: float(arrays[key].mean()) for name, key in shares.items()}
     early = float(np.median(known)) if len(known) else np.nan
-    counts = {MORNINGS: float(len(arrays["told"])), BEEN: len(known) / max(1, len(arrays["told"]))}
-    return counts | {EARLY: early} | figures
+    return {MORNINGS: float(len(arrays["told"])), EARLY: early} | figures
 
 
 def _report(results: Results) -> Report:

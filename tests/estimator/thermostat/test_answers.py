@@ -80,9 +80,20 @@ def test_hours_below_a_set_point_leave_out_steps_without_one():
 def test_a_future_that_swings_reaches_its_highest_temperature():
     means = np.array([[[20.0, 22.0, 19.0]], [[21.5, 20.0, 19.5]], [[20.0, 22.0, 19.0]]])
     futures = Mixtures(np.tile([0.5, 0.25, 0.25], (3, 1)), means, np.full((3, 1, 3), 1e-6))
-    assert probability_reached(futures, 21.0) == 0.75
-    assert probability_reached(futures.during(slice(2, 3)), 21.0) == 0.25
-    assert probability_reached(futures, 22.0) == pytest.approx(0.125)
+    still = np.zeros((1, 3))
+    assert probability_reached(futures, 21.0, still) == 0.75
+    assert probability_reached(futures.during(slice(2, 3)), 21.0, still[:, :1]) == 0.25
+    assert probability_reached(futures, 22.0, still) == pytest.approx(0.125)
+
+
+def test_futures_that_differ_by_a_swing_alone_all_reach_the_top_of_it():
+    """Half of them 0.4 K below, half above, for two hours, where the room was seen to go up and down by as much."""
+    futures = Mixtures(np.full((4, 2), 0.5), np.tile([19.6, 20.4], (4, 1))[:, None], np.full((4, 1, 2), 1e-6))
+    swings = np.array([[0.4, -0.4, 0.4, -0.4], [-0.4, 0.4, -0.4, 0.4]])
+    assert probability_reached(futures, 20.2, np.zeros((1, 4))) == 0.5
+    assert probability_reached(futures, 20.2, swings) == 1.0
+    assert probability_reached(futures.during(slice(3, 4)), 20.2, swings[:, 3:]) == 0.5, "too short for a swing"
+    assert probability_reached(futures, 20.6, swings) == 0.0
 
 
 @pytest.mark.parametrize(("enough", "expected"), [(10, 10), (7, 7), (0, 0), (-1, None)])

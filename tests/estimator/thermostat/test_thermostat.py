@@ -9,7 +9,7 @@ from estimator.statespace.matrices import of_draws
 from estimator.statespace.simulate import sampled_paths
 from estimator.thermostat.closed_loop import LawRoom, course, course_of
 from estimator.thermostat.law import Laws, called, identified, no_laws, shortest_times
-from estimator.thermostat.memory import in_order, no_memory, remembered
+from estimator.thermostat.memory import in_order, no_memory, remembered, swings
 from estimator.types import ModelDraws
 
 PERIOD = 600
@@ -301,3 +301,21 @@ def test_a_room_simulated_step_by_step_is_the_closed_loop():
         whole = course(models, laws, rows, rows[0]).under(wanted).temperatures[0, :-1, 0]
         assert np.array(path) == pytest.approx(whole, abs=1e-9)
         assert room.anew().outputs()[0] == path[0]
+
+
+def test_a_room_swings_while_its_thermostat_heats_and_not_while_the_sun_keeps_it_warm():
+    def seen(temperatures):
+        memory = no_memory(2)
+        for step, temperature in enumerate(temperatures):
+            setpoint = 17.0 if step % 144 < 36 else 20.0
+            memory = remembered(memory, step * PERIOD, PERIOD, setpoint, temperature, np.zeros(2), np.zeros(2))
+        return swings(memory, len(temperatures) * PERIOD, 7200.0)
+
+    relay = 20.0 + np.tile([0.6, 0.1, -0.4, -0.3], 288)
+    found = seen(relay)
+    assert found.shape[1] == 12
+    assert len(found) <= 100
+    assert found.mean(axis=1) == pytest.approx(np.zeros(len(found)), abs=1e-9)
+    assert found.max(axis=1) == pytest.approx(np.full(len(found), 0.6)), "against the set-point of the day alone"
+    assert not seen(relay + 1.0).any()
+    assert not seen(relay[:24]).any(), "not enough was seen"

@@ -13,6 +13,7 @@ def test_a_room_is_asked_every_night_and_lives_with_the_answer():
     assert len(found["told"]) == 3
     # A light house under a relay is warm within half an hour, so that every start is in time.
     assert found["warm"].all()
+    assert found["lately"].all()
     assert (found["promised"] > 0.5).all()
     assert np.isfinite(found["early"]).all()
     figures = _figures(found)
