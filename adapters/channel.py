@@ -127,10 +127,11 @@ _OF_THE_ZONE = {"aggregate", "max_age", "installed", "share", "forecast"}
 
 class SourceConfig(Table):
     """[sources.<name>]: the table of a source; its subclasses are listed in `adapters.kinds`. `live`: it tells what is
-    now, not what was. `example`: how a table of `channel` says where its value is found. `source`: its class, as
-    module:class, imported when one is built."""
+    now, not what was. `connects`: it asks a device or a server. `example`: how a table of `channel` says where its
+    value is found. `source`: its class, as module:class, imported when one is built."""
 
     live: ClassVar[bool]
+    connects: ClassVar[bool] = True
     channel: ClassVar[type[ChannelConfig]]
     example: ClassVar[str]
     source: ClassVar[str]
@@ -148,6 +149,7 @@ class SourceConfig(Table):
 
 class RecordedConfig(SourceConfig):
     live: ClassVar[bool] = False
+    connects: ClassVar[bool] = False
 
     pace: Pace = Field(default=inf, description='multiple of real time; `"max"`: as fast as possible')
 

@@ -50,6 +50,8 @@ class HistoryConfig(RecordedConfig):
 class SeriesConfig(LoginConfig, HistoryConfig):
     """What every table of a database over HTTP has."""
 
+    connects: ClassVar = True
+
     url: Annotated[str, BeforeValidator(web_address("http://127.0.0.1:9090"))] = Field(
         description='the address of the database, such as "http://127.0.0.1:9090"'
     )

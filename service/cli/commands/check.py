@@ -34,10 +34,11 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _recorded(config: Config) -> Iterable[History]:
-    """What the recordings hold of the zones that they feed, at their beginning."""
+    """What recorded files hold of the zones that they feed, at their beginning."""
     from service.recordings.history import survey
 
-    zones = [zone for zone in config.zones if not config.goes_live(zone)]
+    connecting = {name for name, table in config.sources.items() if table.connects}
+    zones = [zone for zone in config.zones if connecting.isdisjoint(one.source for one in zone.delivered.values())]
     return survey(config, zones, most=_LOOKED_AT).values() if zones else ()
 
 
