@@ -12,6 +12,7 @@ from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from difflib import get_close_matches
 from math import inf, isfinite, nan
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -130,13 +131,14 @@ class Recorder(Database):
     @contextmanager
     def _opened(self) -> Iterator[sqlite3.Connection]:
         """The database, read only. Raises SourceUnavailable, and SourceConfigError for another one."""
-        path = self.table.file
+        path = self.table.file.resolve()
         if not path.is_file():
             raise SourceUnavailable(
                 f"file '{path}' is not there; copy home-assistant_v2.db out of Home Assistant's folder"
             )
         try:
-            with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=10.0)) as connection:
+            uri = f"{path.as_uri()}?mode=ro{'&immutable=1' if _is_copied(path) else ''}"
+            with closing(sqlite3.connect(uri, uri=True, timeout=10.0)) as connection:
                 there = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
                 missing = [name for name in _TABLES[self.table.data] if name not in there]
                 if missing:
@@ -144,8 +146,16 @@ class Recorder(Database):
                         f"file '{path}' has no table {missing[0]}; give the database of Home Assistant 2023.4 or newer"
                     )
                 yield connection
-        except sqlite3.Error as error:
+        except (sqlite3.Error, OSError) as error:
             raise SourceUnavailable(f"file '{path}' cannot be read as a database of SQLite ({error})") from error
+
+
+def _is_copied(path: Path) -> bool:
+    """Whether the database keeps a write-ahead log and has none, so that nobody has it open: SQLite would write one
+    beside it even to read it, which fails in a folder that this account cannot write."""
+    with path.open("rb") as file:
+        keeps_log = file.read(20)[18:19] == b"\x02"
+    return keeps_log and not path.with_name(f"{path.name}-wal").exists()
 
 
 def _problems(connection: sqlite3.Connection, table: Any, wanted: Sequence[Any]) -> list[str]:

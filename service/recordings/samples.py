@@ -55,36 +55,29 @@ def read_samples(
     With `progress` (None: on a terminal) it is shown how far reading is. Raises ServiceError where a source is live or
     cannot be read.
     """
-    return asyncio.run(_read(config, zones, (start, end), most, progress))
-
-
-async def _read(
-    config: Config,
-    zones: Sequence[ZoneConfig],
-    span: tuple[float | None, float | None],
-    most: float,
-    progress: bool | None,
-) -> dict[str, Recorded]:
-    start, end = span
     alignments = {zone.id: make_alignment(zone) for zone in zones}
     samples: dict[str, list[Sample]] = {zone.id: [] for zone in zones}
     readings: Counter[str] = Counter()
-    first = inf
-    with Progress("reading", None, progress) as bar:
-        async for part in recorded(config, alignments, start, end):
-            if part.zone in alignments:
-                alignment, ended = alignments[part.zone], part.now == inf
-                found = alignment.end(part.source) if ended else alignment.add(part.source, part.readings, part.now)
-                readings[part.zone] += len(part.readings)
-                bar.update(len(found))
-                samples[part.zone] += [
-                    sample
-                    for sample in found
-                    if (start is None or sample.time >= start) and (end is None or sample.time < end)
-                ]
-                first = min([first, *(sample.time for sample in found[:1])])
-                if first + most < part.now < inf:
-                    break
+
+    async def read() -> None:
+        first = inf
+        with Progress("reading", None, progress) as bar:
+            async for part in recorded(config, alignments, start, end):
+                if part.zone in alignments:
+                    alignment, ended = alignments[part.zone], part.now == inf
+                    found = alignment.end(part.source) if ended else alignment.add(part.source, part.readings, part.now)
+                    readings[part.zone] += len(part.readings)
+                    bar.update(len(found))
+                    samples[part.zone] += [
+                        sample
+                        for sample in found
+                        if (start is None or sample.time >= start) and (end is None or sample.time < end)
+                    ]
+                    first = min([first, *(sample.time for sample in found[:1])])
+                    if first + most < part.now < inf:
+                        break
+
+    asyncio.run(read())
     return {
         name: Recorded(samples[name], {str(fault): count for fault, count in alignment.faults.items()}, readings[name])
         for name, alignment in alignments.items()

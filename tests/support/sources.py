@@ -42,6 +42,17 @@ def values(batches: Iterable[Batch]) -> dict[str, Any]:
     return {reading.channel: reading.fault or reading.value for batch in batches for reading in batch.readings}
 
 
+def delivered(source: Any, start: float | None, begin: float) -> list[tuple[float, float | None]]:
+    """Seconds since `begin` [UTC s] and value of all that a recorded `source` delivers, none ahead of its clock."""
+
+    async def run() -> list[Batch]:
+        return [batch async for batch in source.batches(start)]
+
+    batches = asyncio.run(run())
+    assert all(reading.time <= batch.now for batch in batches for reading in batch.readings)
+    return [(reading.time - begin, reading.value) for batch in batches for reading in batch.readings]
+
+
 async def collect(source: Any, enough: Callable[[list[Batch]], object] = bool) -> list[Batch]:
     """Batches of `source` until they are `enough`; fails if that takes too long."""
     batches: list[Batch] = []

@@ -6,7 +6,7 @@ from contextlib import closing
 
 import pytest
 from support.recorder import BEGIN, database
-from support.sources import bound, source_table
+from support.sources import bound, delivered, source_table
 
 from adapters.errors import SourceConfigError, SourceUnavailable
 
@@ -23,15 +23,7 @@ def source(path, *entities, data="states", **keys):
 
 def readings(path, *entities, start=None, **settings):
     """Seconds since BEGIN and value of every reading."""
-
-    async def run():
-        found = []
-        async for batch in source(path, *entities, **settings).batches(start):
-            assert all(reading.time <= batch.now for reading in batch.readings)
-            found += [(reading.time - BEGIN, reading.value) for reading in batch.readings]
-        return found
-
-    return asyncio.run(run())
+    return delivered(source(path, *entities, **settings), start, BEGIN)
 
 
 def test_a_state_holds_until_the_next_one_and_is_read_again_every_minute(tmp_path):
@@ -43,6 +35,14 @@ def test_a_state_holds_until_the_next_one_and_is_read_again_every_minute(tmp_pat
     (probe,) = asyncio.run(source(path, ROOM).probe(1.0))
     assert (probe.value, probe.time, probe.place) == (21.0, BEGIN + 130, "sensor.room")
     assert readings(path, ("sensor.other",)) == []
+
+
+def test_nothing_is_written_beside_a_copy_that_had_a_write_ahead_log(tmp_path):
+    path = database(tmp_path / "db", [(0, "sensor.room", "20.5"), (60, "sensor.sun", "1")])
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("PRAGMA journal_mode = wal")
+    assert readings(path, ROOM) == [(0, 20.5)]
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_what_is_no_number_is_missing_and_ends_what_held(tmp_path):
@@ -70,10 +70,7 @@ def test_attributes_and_words(tmp_path):
 
 def test_a_thermostat_that_cools_does_not_heat(tmp_path):
     actions = ("preheating", "cooling", "defrosting", "fan", "off", "sleeping")
-    rows = [
-        (60 * minute, "climate.room", ("auto", f'{{"hvac_action": "{action}"}}'))
-        for minute, action in enumerate(actions)
-    ]
+    rows = [(60 * m, "climate.room", ("auto", f'{{"hvac_action": "{action}"}}')) for m, action in enumerate(actions)]
     path = database(tmp_path / "db", [*rows, (600, "a.b", "1")])
     assert readings(path, ("climate.room", "hvac_action"))[:5] == [(60 * m, float(m == 0)) for m in range(5)]
 

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 import pytest
 from support import influx
 from support.processes import free_port, program
-from support.sources import bound, source_table
+from support.sources import bound, delivered, source_table
 from support.waiting import wait_until
 from support.web_answers import answering
 
@@ -30,15 +30,7 @@ def source(database, query, *, minutes=MINUTES, step=60.0, **keys):
 
 def readings(*asked, start=None, **keys):
     """Minutes since BEGIN and value of every reading."""
-
-    async def run():
-        found = []
-        async for batch in source(*asked, **keys).batches(start):
-            assert all(reading.time <= batch.now for reading in batch.readings)
-            found += [((reading.time - BEGIN) / 60, reading.value) for reading in batch.readings]
-        return found
-
-    return asyncio.run(run())
+    return [(seconds / 60, value) for seconds, value in delivered(source(*asked, **keys), start, BEGIN)]
 
 
 def exposed(scale=1):

@@ -8,7 +8,6 @@ from support.harness import EXAMPLES
 from service.cli.main import main
 from service.config.load import load
 
-
 OF_DATABASES = EXAMPLES.parents[1] / "adapters" / "series" / "sample.toml"
 
 
