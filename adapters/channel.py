@@ -65,6 +65,11 @@ class ChannelConfig(Table):
         return None
 
     @property
+    def known_values(self) -> Sequence[float]:
+        """All raw values that it can come to have, where `foreknown` knows them."""
+        return ()
+
+    @property
     def stated_unit(self) -> str | None:
         """The unit that a device may state of the raw value; None where `scale` and `offset` make it another one."""
         return self.unit if (self.scale, self.offset) == (1.0, 0.0) else None

@@ -1,7 +1,7 @@
 """The tables of kind "schedule": a week of values that the configuration itself says."""
 
-from collections.abc import Callable, Mapping
-from typing import Annotated, ClassVar, Literal, Self
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal, Self
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -45,6 +45,12 @@ def _whole_week(days: tuple[DaysConfig, ...]) -> tuple[DaysConfig, ...]:
 _Days = Annotated[tuple[DaysConfig, ...], AfterValidator(_whole_week)]
 
 
+def _of_a_country(days: tuple[DaysConfig, ...], country: str | None) -> None:
+    """ValueError for values of public holidays of no country."""
+    if country is None and any(HOLIDAY in one.on for one in days):
+        raise ValueError('days has values for "holiday"; give the country whose public holidays are meant')
+
+
 class ScheduleChannelConfig(ChannelConfig):
     """A channel of a schedule. What it does not have is its source's."""
 
@@ -56,6 +62,15 @@ class ScheduleChannelConfig(ChannelConfig):
     @property
     def address(self) -> str:
         return f"the schedule {self.source}"
+
+    @property
+    def known_values(self) -> Sequence[float]:
+        return [value for one in self.days or () for value in one.at.values()]
+
+    def within(self, table: Any) -> Self:
+        found = super().within(table)
+        _of_a_country(found.days or (), found.country)
+        return found
 
     @property
     def week(self) -> Week:
@@ -89,8 +104,7 @@ class ScheduleConfig(SourceConfig):
 
     @model_validator(mode="after")
     def _holidays_of_a_country(self) -> Self:
-        if self.country is None and any(HOLIDAY in one.on for one in self.days):
-            raise ValueError('days has values for "holiday"; give the country whose public holidays are meant')
+        _of_a_country(self.days, self.country)
         return self
 
     @property

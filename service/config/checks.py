@@ -10,12 +10,13 @@ from adapters.fields.durations import format_duration
 from adapters.fields.problems import Place, Problems
 from adapters.fields.words import shown, suggestion
 from adapters.kinds import SOURCE_KINDS
-from adapters.units import ENERGIES, conversion, possible_range
+from adapters.units import ENERGIES, conversion, default_valid_range, possible_range
 from estimator.errors import OptionsError
 from estimator.network.network import Network
 from estimator.network.presets import AUTO
 from estimator.registry import ESTIMATORS, resolve
 from service.config.site import ZoneTable
+from service.records.outlook import SET_POINT_RANGE
 from service.zone.aggregation import AGGREGATES, default_aggregate
 from service.zone.alignment import SETPOINT, unit_of
 
@@ -92,6 +93,7 @@ def check_zone(draft: ZoneDraft, kinds: Mapping[str, str | None], problems: Prob
                     f"{shown(channel.valid)} goes beyond what can be in {unit}; stay within {lower:g} to {upper:g}"
                 )
                 problems.add((*place, "valid"), sentence)
+            _check_known_values(place, name, channel, unit, problems)
         if draft.network is not None and name in draft.network.measured and channel.max_age is not None:
             problems.add(
                 (*place, "max_age"), "is for inputs, which may be held; a measured temperature never is, remove it"
@@ -213,6 +215,19 @@ def _check_mixture(draft: ZoneDraft, kinds: Mapping[str, str | None], problems: 
             "whose clocks differ; feed a zone from live sources only, or from recorded ones only"
         )
         problems.add((*draft.place, "channels"), sentence)
+
+
+def _check_known_values(place: Place, name: str, channel: ChannelConfig, unit: str, problems: Problems) -> None:
+    """A schedule has what may be planned of a set-point, and else what would be believed if it were measured."""
+    lower, upper = channel.valid or (SET_POINT_RANGE if name == SETPOINT else default_valid_range(unit))
+    edge = channel.edge(unit)
+    wrong = [raw for raw in channel.known_values if not lower <= edge.value(raw) <= upper]
+    if wrong:
+        sentence = (
+            f"{channel.address} has {wrong[0]:g} {channel.unit}, which is not within {lower:g} to {upper:g} {unit}; "
+            "correct the value or the unit, or give the channel's valid"
+        )
+        problems.add(place, sentence)
 
 
 def _check_use_of_energy(place: Place, channel: ChannelConfig, unit: str, problems: Problems) -> None:
