@@ -36,11 +36,14 @@ class Amounts(NamedTuple):
         """(B,)."""
         return np.asarray((self.values * self.weights).sum(axis=0), dtype=np.float64)
 
-    def stretched(self, scales: Array, least: float = 0.0) -> Amounts:
-        """The same with every distance from the mean of a span `scales` (B,) times as long, and nothing below
-        `least`."""
+    def stretched(self, scales: Array) -> Amounts:
+        """The same with every distance from the mean of a span `scales` (B,) times as long, be it below nothing."""
         mean = self.mean()
-        return self._replace(values=np.maximum(mean + scales * (self.values - mean), least))
+        return self._replace(values=mean + scales * (self.values - mean))
+
+    def about(self, means: Array) -> Amounts:
+        """The same, moved to `means` (B,)."""
+        return self._replace(values=self.values + (means - self.mean()))
 
     def quantiles(self, levels: Array) -> Array:
         """(B, L): the smallest value at which the weights add up to each of `levels` (L,)."""
@@ -54,16 +57,20 @@ class Amounts(NamedTuple):
         return found
 
 
-def energy(heat: Heat, period: float, spans: Indices, price: Array | None = None) -> Amounts:
+def energy(heat: Heat, period: float, spans: Indices | None = None, price: Array | None = None) -> Amounts:
     """The energy [kWh] that goes into a zone in each span; what it costs at a `price` (h,) of a kWh in each step.
 
-    `heat` is that of h steps of `period` s; `spans` (h,) numbers the span of every step, from 0 on. Heat that is taken,
-    by a cooler, counts as well.
+    `heat` is that of h steps of `period` s; `spans` (h,) numbers the span of every step, from 0 on; without it there is
+    one. Heat that is taken, by a cooler, counts as well. The mean of a span is the sum of the means of its steps, in
+    which a future may weigh differently.
     """
     each = np.abs(heat.values).sum(axis=2) * period / JOULES
     if price is not None:
         each = each * price
-    return Amounts(_summed(each, spans), _means(heat.weights.T, spans), heat.weather)
+    spans = np.zeros(each.shape[1], dtype=np.int64) if spans is None else spans
+    means = (each * heat.weights.T).sum(axis=0) / heat.weights.sum(axis=1)
+    amounts = Amounts(_summed(each, spans), _means(heat.weights.T, spans), heat.weather)
+    return amounts.about(_summed(means[None], spans)[0])
 
 
 def below(temperatures: Array, setpoints: Array, weights: Array, period: float, tolerance: float) -> Amounts:
@@ -77,13 +84,7 @@ def below(temperatures: Array, setpoints: Array, weights: Array, period: float, 
 def difference(one: Amounts, other: Amounts) -> Amounts:
     """`one` less `other`, future by future: both must be of the same futures, under two plans."""
     weights = 0.5 * (one.weights + other.weights)
-    return one._replace(values=one.values - other.values, weights=weights)
-
-
-def total(amounts: Amounts) -> Amounts:
-    """(N, 1): the spans of each future together."""
-    weights = amounts.weights.mean(axis=1, keepdims=True)
-    return amounts._replace(values=amounts.values.sum(axis=1, keepdims=True), weights=weights)
+    return one._replace(values=one.values - other.values, weights=weights).about(one.mean() - other.mean())
 
 
 def probability_reached(outputs: Mixtures, value: float, swings: Array) -> float:

@@ -117,7 +117,6 @@ class PreheatQuestion(NamedTuple):
         last = fan.outputs.at(steps)
         lower, upper = summary(Mixtures.of_one(last), _LEVELS, exact=True).quantiles[0, 0].tolist()
         begin = None if found is None else start + found * period
-        spans = np.zeros(steps, dtype=np.int64)
         return Preheat(
             issue_time=standing.update.forecast.issue_time,
             trust=_trust(worker, futures.grid),
@@ -129,7 +128,7 @@ class PreheatQuestion(NamedTuple):
             minutes=float("nan") if begin is None else (self.by - begin) / 60.0,
             reached=warm(0 if found is None else found),
             temperature=Range(float(last.mean()[0]), lower, upper),
-            energy=_range(answers.energy(fan.heat, period, spans).stretched(fan.energy_scales[-1:])),
+            energy=_range(answers.energy(fan.heat, period).stretched(fan.energy_scales[-1:]), 0.0),
             setpoint_before=float(before[max((found or 0) - 1, 0)]),
         )
 
@@ -155,20 +154,21 @@ class DemandQuestion(NamedTuple):
         start, period = float(standing.update.forecast.valid_time), worker.period
         futures = _Futures(worker, standing, weather, self.steps, given_up)
         fan = futures.under(None if self.setpoints is None else futures.planned(self.setpoints))
-        hours = ((start + period * np.arange(self.steps)) // _HOUR).astype(np.int64)
-        amounts = answers.energy(fan.heat, period, hours - hours[0])
-        total = answers.total(amounts).stretched(fan.energy_scales[-1:])
-        amounts = amounts.stretched(fan.energy_scales[np.flatnonzero(np.diff(hours, append=hours[-1] + 1))])
-        means, quantiles = amounts.mean(), amounts.quantiles(_LEVELS)
+        # Of steps longer than an hour, some hours begin none.
+        hours, spans = np.unique((start + period * np.arange(self.steps)) // _HOUR, return_inverse=True)
+        total = answers.energy(fan.heat, period).stretched(fan.energy_scales[-1:])
+        scales = fan.energy_scales[np.flatnonzero(np.diff(spans, append=len(hours)))]
+        amounts = answers.energy(fan.heat, period, spans).stretched(scales)
+        means, quantiles = amounts.mean(), np.maximum(amounts.quantiles(_LEVELS), 0.0)
         demand = Demand(
             issue_time=standing.update.forecast.issue_time,
             trust=_trust(worker, futures.grid),
             horizon_s=float(self.steps * period),
             planned=self.setpoints is not None,
-            total=_range(total),
+            total=_range(total, 0.0),
             hours=[
-                Hour(max(start, (hours[0] + place) * _HOUR), Range(float(mean), *bounds))
-                for place, (mean, bounds) in enumerate(zip(means, quantiles.tolist(), strict=True))
+                Hour(max(start, hour * _HOUR), Range(mean, *bounds))
+                for hour, mean, bounds in zip(hours.tolist(), means.tolist(), quantiles.tolist(), strict=True)
             ],
         )
         return Called(demand, total)
@@ -203,7 +203,7 @@ class CompareQuestion(NamedTuple):
             issue_time=standing.update.forecast.issue_time,
             trust=_trust(worker, futures.grid),
             horizon_s=float(self.steps * worker.period),
-            plans=[PlanOutcome(course.name, *one.ranges()) for course, one in zip(self.courses, alone, strict=True)],
+            plans=[PlanOutcome(course.name, *one.ranges(0.0)) for course, one in zip(self.courses, alone, strict=True)],
             differences=[
                 PlanOutcome(course.name, *one.less(found[0]).ranges())
                 for course, one in zip(self.courses[1:], found[1:], strict=True)
@@ -220,18 +220,16 @@ class _Outcome(NamedTuple):
 
     @classmethod
     def of(cls, fan: Fan, setpoints: Array, period: float, price: Array | None) -> Self:
-        spans = np.zeros(len(setpoints), dtype=np.int64)
         return cls(
-            answers.energy(fan.heat, period, spans),
-            None if price is None else answers.energy(fan.heat, period, spans, price),
+            answers.energy(fan.heat, period),
+            None if price is None else answers.energy(fan.heat, period, price=price),
             # The means of the mixtures after the first are the temperatures of the futures.
             answers.below(fan.outputs.means[1:, 0].T, setpoints, fan.outputs.weights[1:], period, COLD),
         )
 
     def stretched(self, scale: Array) -> Self:
         """As wide as energies of plans proved to be. What differs between two plans has no such record."""
-        # A price may be negative.
-        cost = None if self.cost is None else self.cost.stretched(scale, -np.inf)
+        cost = None if self.cost is None else self.cost.stretched(scale)
         return self._replace(energy=self.energy.stretched(scale), cost=cost)
 
     def less(self, other: Self) -> "_Outcome":
@@ -243,9 +241,10 @@ class _Outcome(NamedTuple):
             answers.difference(self.energy, other.energy), cost, answers.difference(self.hours_below, other.hours_below)
         )
 
-    def ranges(self) -> tuple[Range, Range | None, Range]:
-        """Energy, cost and hours."""
-        return _range(self.energy), None if self.cost is None else _range(self.cost), _range(self.hours_below)
+    def ranges(self, least: float = -np.inf) -> tuple[Range, Range | None, Range]:
+        """Energy, of `least` kWh, cost, which may be negative as prices are, and hours."""
+        cost = None if self.cost is None else _range(self.cost)
+        return _range(self.energy, least), cost, _range(self.hours_below)
 
 
 class _Futures:
@@ -275,9 +274,9 @@ class _Futures:
         return found, max(1, round(span / found.shape[1] / self.grid.period))
 
     def planned(self, setpoints: Values) -> Array:
-        """(h,): set-points [degC]; the present one where none is planned yet."""
+        """(h,): set-points [degC]; the likeliest where none is planned yet."""
         found = column(setpoints, self.grid)
-        return np.where(np.isnan(found), self.setpoint, found)
+        return np.where(np.isnan(found), self._zone.likely, found)
 
     def under(self, setpoints: Array | None) -> Fan:
         """The futures under `setpoints` (h,) [degC], or (None) those that are foreseen."""
@@ -295,8 +294,8 @@ def _trust(worker: ZoneWorker, grid: Grid) -> str:
     return LEARNING if horizon is None else horizon.level
 
 
-def _range(amounts: Amounts) -> Range:
-    lower, upper = amounts.quantiles(_LEVELS)[0].tolist()
+def _range(amounts: Amounts, least: float = -np.inf) -> Range:
+    lower, upper = np.maximum(amounts.quantiles(_LEVELS)[0], least).tolist()
     return Range(float(amounts.mean()[0]), lower, upper)
 
 
@@ -313,7 +312,7 @@ def together(totals: Sequence[Amounts]) -> Range:
 
 def _in_weather(total: Amounts, weather: Indices, draws: np.random.Generator) -> Array:
     """(P,): draws of a zone's total in each `weather` (P,), and in any where it knows no such future."""
-    values, weights = total.values[:, 0], total.weights[:, 0]
+    values, weights = np.maximum(total.values[:, 0], 0.0), total.weights[:, 0]
     found = draws.choice(values, len(weather), p=weights)
     asking = total.weather >= 0
     for number in np.unique(total.weather[asking]).tolist():

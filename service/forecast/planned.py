@@ -85,7 +85,12 @@ class PlannedZone(NamedTuple):
     @property
     def why_no_law(self) -> str:
         """Why no law of a thermostat is known, in a sentence with its remedies."""
-        heat, thermostat = ", ".join(self._power) or "none", self.standing.carried.thermostat
+        heat, thermostat = ", ".join(self._power), self.standing.carried.thermostat
+        if not heat:
+            return (
+                f"no input of the zone is heat in W, so nobody knows what {SET_POINTS} does; give it a channel u_heat, "
+                "without a meter that of a valve or switch with its nominal power"
+            )
         if self._plans_heating and self.worker.loop.live.obeyed(thermostat):
             return f"{SET_POINTS} and the heat that obeys it ({heat}) are both planned; plan one of them"
         if not len(thermostat.memory.times):

@@ -156,14 +156,19 @@ def mistakes(request: ForecastRequest) -> list[Mistake]:
             for owner, channel in named:
                 if channel not in inputs and owner != EVERY_ZONE:
                     sentence = f"is not an input of this zone; its inputs are {', '.join(inputs)}"
-                    found.append(Mistake(number, owner, channel, sentence))
+                    found.append(Mistake(number, owner, channel, sentence + _remedy(channel)))
                 elif channel in used and used[channel][0] == owner:
                     try:
                         check(used[channel][1], channel, network, view.surroundings.limits, grid)
                     except PlanError as error:
                         found.append(Mistake(number, owner, channel, str(error)))
-        found += [Mistake(number, EVERY_ZONE, each, "is an input of none of the zones") for each in sorted(nowhere)]
+        sentence = "is an input of none of the zones"
+        found += [Mistake(number, EVERY_ZONE, each, sentence + _remedy(each)) for each in sorted(nowhere)]
     return found
+
+
+def _remedy(channel: str) -> str:
+    return f"; to plan {SET_POINTS}, give the zone a [zones.setpoint]" if channel == SET_POINTS else ""
 
 
 def whole_steps(span: float, period: float, what: str = "horizon") -> int:

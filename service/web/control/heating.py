@@ -105,7 +105,9 @@ async def preheat(
         until = moment(by, start, UTC if zone is None else ZoneInfo(zone))
         check_until(until, start, view.period)
     except PlanError as error:
-        raise invalid([f"query parameter 'by' {error}"]) from None
+        # A plus sign in a query string means a space.
+        hint = "; write + as %2B in a query" if " " in by else ""
+        raise invalid([f"query parameter 'by' {error}{hint}"]) from None
     return await _answer(view, until - start, PreheatQuestion(target, until, probability, tolerance))
 
 
@@ -129,7 +131,7 @@ async def site_demand(site: Here, caller: Asking, body: SiteDemandBody) -> SiteD
                 return await _answer(view, body.horizon, _demand(view, body))
             except RequestRefused as refused:
                 if refused.status == HTTPStatus.UNPROCESSABLE_ENTITY:
-                    raise
+                    raise invalid([f"zone '{view.id}': {refused}"]) from None
                 return str(refused)
             except Away as error:
                 return str(error)

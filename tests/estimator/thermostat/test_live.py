@@ -10,7 +10,7 @@ from support.thermostat_house import recorded
 from estimator.foresight import foreseen, no_day, with_inputs
 from estimator.network.presets import network
 from estimator.registry import build
-from estimator.thermostat.answers import JOULES, energy, total
+from estimator.thermostat.answers import JOULES, energy
 from estimator.thermostat.futures import GUESSES, guesses
 from estimator.thermostat.live import FUTURES, PLANNED, UNPLANNED, Ahead, LiveForecasts, Now
 from estimator.thermostat.memory import no_memory, remembered
@@ -132,8 +132,7 @@ def test_the_interval_of_an_energy_is_as_wide_as_energies_proved_to_stray():
         came, plan = told[k + 6 : k + 6 + DAILY], wanted[k + 6 : k + 6 + DAILY]
         fan = zone.forecasts.planned(zone.live, zone.now(), plan, ahead(came))
         scales.append(fan.energy_scales[-1])
-        whole = total(energy(fan.heat, PERIOD, np.zeros(DAILY, dtype=np.int64)))
-        lower, upper = whole.stretched(fan.energy_scales[-1:]).quantiles(TAILS)[0]
+        lower, upper = energy(fan.heat, PERIOD).stretched(fan.energy_scales[-1:]).quantiles(TAILS)[0]
         covered.append(lower <= came[:, 1].sum() * PERIOD / JOULES <= upper)
     assert min(scales) > 1.5
     assert np.mean(covered) > 0.8

@@ -6,14 +6,13 @@ import math
 from dataclasses import replace
 
 import pytest
-from support.fake_zones import make_update, running, waiting
+from support.fake_zones import foreseen, make_update, running, waiting
 from support.running_zone import Announced
 from support.waiting import PATIENCE
 
 from estimator.network import presets
 from service.errors import ServiceError
 from service.forecast.ahead import EVERY, LookingAhead
-from service.forecast.answers import Preheat, Range
 from service.publish.sinks import Occasion
 from service.records.trust import HorizonTrust, Trust
 
@@ -88,11 +87,7 @@ def test_a_zone_that_no_longer_vouches_for_it_says_so_once_and_comes_back():
 
 def test_the_next_heating_is_told_unless_hardly_any_start_suffices_or_the_forecast_is_not_trusted():
     zone = running("living")
-    issue = float(zone.now().update.forecast.issue_time)
-    some = Range(20.6, 20.1, 21.2)
-    zone.heating = Preheat(
-        issue, "trusted", 21.0, issue + 7200.0, 0.5, 0.9, issue + 3600.0, 60.0, 0.93, some, Range(2.0, 1.0, 3.0), 17.0
-    )
+    zone.heating = foreseen(zone)
     ahead, sink = looking(zone)
     asyncio.run(ahead.attend("living"))
     heating = told(sink)[0]["heating"]

@@ -1,21 +1,26 @@
 """Questions about heating, asked of a zone that has learned a simulated house, and held to what it then does."""
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
 from support.forecasts import asked as answer
+from support.tables import tabled
 from support.thermostat_house import morning, recorded, samples
 from support.zone_samples import fed
 from support.zone_samples import worker as new
 
+from estimator.network.presets import network
 from estimator.thermostat.answers import Amounts
-from service.errors import NoLaw, PlanError, ServiceError
+from service.errors import NoLaw, ServiceError
 from service.forecast.ahead import NextRise
 from service.forecast.foresight import NO_WEATHER
 from service.forecast.heating import CompareQuestion, Course, DemandQuestion, PreheatQuestion, moment, together
+from service.forecast.plan import Timed
 from service.records.record import document
+from service.records.sample import Sample
 
 PERIOD, DAILY = 1800, 48
 DAYS = 10
@@ -79,19 +84,10 @@ def test_the_room_is_warm_in_time_and_would_not_be_much_later(worker):
     assert surer.start is None or surer.start <= found.start
 
 
-def test_a_time_of_day_is_the_next_one_also_where_the_clocks_are_put_back():
-    berlin = ZoneInfo("Europe/Berlin")
-
-    def by(text, start):
-        return datetime.fromtimestamp(moment(text, datetime.fromisoformat(start).timestamp(), berlin), UTC).isoformat()
-
-    assert by("06:30", "2026-10-24T22:00+02:00") == "2026-10-25T05:30:00+00:00"
-    # On that night it is half past two twice.
-    assert by("02:30", "2026-10-25T02:10+02:00") == "2026-10-25T00:30:00+00:00"
-    assert by("02:30", "2026-10-25T02:40+02:00") == "2026-10-25T01:30:00+00:00"
-    assert by("02:30", "2026-10-25T02:10+01:00") == "2026-10-25T01:30:00+00:00"
-    assert by("02:30", "2026-10-25T02:40+01:00") == "2026-10-26T01:30:00+00:00"
-    assert by("02:30", "2026-03-29T00:00+01:00") == "2026-03-29T01:30:00+00:00", "there is none: an hour later"
+@tabled
+def test_a_time_of_day_is_the_next_one_also_where_the_clocks_are_put_back(text, start, expected):
+    found = moment(text, datetime.fromisoformat(start).timestamp(), ZoneInfo("Europe/Berlin"))
+    assert datetime.fromtimestamp(found, UTC).isoformat() == expected
 
 
 def test_by_day_the_set_back_before_the_morning_is_foreseen(worker):
@@ -152,6 +148,18 @@ def test_demand_under_a_plan_is_what_the_house_then_takes(worker):
     assert max(demand.hours, key=lambda hour: hour.energy.mean).begin == (MIDNIGHT + 7) * 3600.0
 
 
+def test_until_set_points_are_planned_they_are_the_likeliest(worker):
+    late = Timed(np.array([(MIDNIGHT + 12.0) * 3600.0]), np.array([21.0]))
+    told = np.where(np.arange(DAILY) < 24, USUAL, 21.0)
+    assert answer(worker, DemandQuestion(DAILY, late)).demand == answer(worker, DemandQuestion(DAILY, told)).demand
+
+
+def test_of_steps_longer_than_an_hour_each_has_its_energy():
+    demand = answer(fed(fresh(4 * PERIOD), samples(DAYS, 4 * PERIOD)), DemandQuestion(DAILY // 4, None)).demand
+    assert [one.begin for one in demand.hours] == [(MIDNIGHT + 2.0 * place) * 3600.0 for place in range(DAILY // 4)]
+    assert sum(one.energy.mean for one in demand.hours) == pytest.approx(demand.total.mean)
+
+
 def test_demand_without_a_plan_foresees_the_set_points(worker):
     called = answer(worker, DemandQuestion(DAILY, None))
     _, heat = followed(morning)
@@ -182,17 +190,16 @@ def test_plans_that_are_alike_differ_in_nothing(worker):
 def test_zones_that_cannot_say_why():
     question = DemandQuestion(4, None)
     assert answer(fresh(), question) is None
-    with pytest.raises(NoLaw, match="give the zone a"):
-        answer(fed(fresh(), samples(1, PERIOD, told=False)), question)
     with pytest.raises(NoLaw, match=r"no law of the thermostat is known.*plan the heating in W"):
         answer(fed(fresh(), samples(1, PERIOD)), question)
+    bare = new("ekf", replace(network("tite"), heat_inputs=()), PERIOD)
+    with pytest.raises(NoLaw, match=r"no input of the zone is heat in W.*give it a channel u_heat"):
+        answer(fed(bare, (Sample.measured(k * PERIOD, np.array([20.0]), np.array([5.0])) for k in range(9))), question)
 
 
-def test_a_question_that_nobody_waits_for_and_a_plan_that_does_not_fit(worker):
+def test_a_question_that_nobody_waits_for(worker):
     with pytest.raises(ServiceError, match="given up"):
         DemandQuestion(4, None)(worker, NO_WEATHER, lambda: True)
-    with pytest.raises(PlanError, match="has 3 values"):
-        answer(worker, DemandQuestion(4, np.array([20.0, 20.0, 20.0])))
 
 
 def test_errors_of_zones_add_up_as_independent_ones_do():
