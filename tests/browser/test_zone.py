@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 from support.browser import axe_finds, drag, eventually, held, hold_accessible
 from support.building import Building, building
-from support.fake_zones import START, FakeZone, doubted, make_update, running, waiting
+from support.fake_zones import START, FakeZone, doubted, foreseen, make_update, running, waiting
 
 from adapters.reading import Quality
 from estimator.diagnosis.finding import Diagnosis, Finding
 from estimator.network.network import Conductance, HeatInput, Network, Parameter
-from service.forecast.answers import Preheat, Range
-from service.records.outlook import InputOrigin
+from service.forecast.answers import LearnedLaw, Range
+from service.records.outlook import InputOrigin, Surroundings
 from service.records.trust import HorizonTrust, Trust
 from service.records.update import Disturbance
 
@@ -72,13 +72,15 @@ def test_a_room_opens_with_answers_and_what_to_do(visit: Any, house: Building) -
     assert "02:10" in page.locator("time").first.inner_text()
 
 
+def test_without_a_time_zone_of_the_site_a_room_is_warm_by_the_clocks_of_the_browser(serve: Any, visit: Any) -> None:
+    page = opened(visit, serve({"living": running("living", 300)}, time_zone=None)).page
+    page.get_by_role("button", name="When to start?").click()
+    page.wait_for_selector("text=by Sun, May 4, 06:30 with a probability of 93%")
+
+
 def test_when_to_start_heating_is_told_unasked(serve: Any, visit: Any) -> None:
     zone = running("living", 300)
-    issue = float(zone.updates[-1].forecast.issue_time)
-    some = Range(21.0, 20.5, 21.5)
-    zone.heating = Preheat(
-        issue, "trusted", 21.0, issue + 9000.0, 0.5, 0.9, issue + 3600.0, 90.0, 0.93, some, some, 17.0
-    )
+    zone.heating = foreseen(zone)
     house = serve({"living": zone})
     # What a stalled room cannot answer is complained about.
     page = opened(visit, house, quiet=False).page
@@ -95,8 +97,7 @@ def test_when_to_start_heating_is_told_unasked(serve: Any, visit: Any) -> None:
 
 def test_a_start_that_is_too_late_says_what_remains(serve: Any, visit: Any) -> None:
     zone = running("living", 300)
-    issue, some = float(zone.updates[-1].forecast.issue_time), Range(21.0, 20.5, 21.5)
-    zone.heating = Preheat(issue, "trusted", 21.0, issue + 9000.0, 0.5, 0.9, None, 90.0, 0.65, some, some, 17.0)
+    zone.heating = foreseen(zone, start=None, reached=0.65)
     page = opened(visit, serve({"living": zone})).page
     page.wait_for_selector("text=Even if heating starts now")
     page.wait_for_selector("text=only with a probability of 65%")
@@ -396,6 +397,19 @@ def test_the_plan_is_made_by_hand_and_the_fan_follows(visit: Any, house: Buildin
     eventually(page, "document.querySelector('.plan g').getAttribute('aria-valuenow') === '2000'")
     page.locator(".plan-box button", has_text="No plan").click()
     page.wait_for_selector("text=With everything as it is now")
+
+
+def test_set_points_are_planned_where_the_law_of_the_thermostat_is_known(serve: Any, visit: Any) -> None:
+    zone, half = with_gain("living"), Range(0.25, 0.2, 0.3)
+    zone.laws = (LearnedLaw("u_heat", "heating", "proportional", Range(1500.0, 1400.0, 1600.0), half, half, 0.9, 14),)
+    zone.surroundings = Surroundings({"T_set": (5.0, 35.0)})
+    page = opened(visit, serve({"living": zone})).page
+    page.get_by_label("Planned channel").select_option("T_set")
+    drag(page, ".plan", (0.25, 0.2), (0.5, 0.2))
+    page.wait_for_selector("text=Under this plan, the lowest is")
+    plan = [one for one in zone.asked if one[0] == "fan" and one[3]][-1][3]["T_set"]
+    assert (max(plan), plan[-1]) == (25.0, 21.0), "four fifths of the way from 5 to 30 degC; else as now"
+    assert "Thermostat, Heating (proportional): 1,500 (1,400 … 1,600) W, half of it 0.25 (0.2" in page.content()
 
 
 def test_off_until_seven_moves_on_with_the_time(serve: Any, visit: Any) -> None:

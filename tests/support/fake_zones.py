@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 from typing import Any
 
@@ -15,7 +15,7 @@ from estimator.network.network import Network
 from estimator.types import ParameterSummary
 from service.errors import NoModel, ServiceError
 from service.forecast.ahead import NextRise
-from service.forecast.answers import ModelPayload, Preheat, Range, Room, RoomAnswer, ToDo
+from service.forecast.answers import LearnedLaw, ModelPayload, Preheat, Range, Room, RoomAnswer, ToDo
 from service.forecast.engine import FanQuestion
 from service.forecast.heating import PreheatQuestion
 from service.forecast.learned import ModelQuestion, Parameters, ParametersQuestion, SkillQuestion
@@ -134,6 +134,7 @@ class FakeZone:
     trusted: Trust | None = None
     origins: tuple[InputOrigin, ...] = ()
     heating: Preheat | None = None
+    laws: tuple[LearnedLaw, ...] = ()
 
     async def ask(self, question: Any) -> Any:
         """The answer to a question, as if a worker had computed it."""
@@ -141,7 +142,7 @@ class FakeZone:
             return self._model(question)
         if isinstance(question, ParametersQuestion):
             summary = self._parameters(question.levels)
-            return None if summary is None else Parameters(summary, ())
+            return None if summary is None else Parameters(summary, self.laws)
         if isinstance(question, SkillQuestion):
             return self.skill()
         if isinstance(question, NextRise):
@@ -149,9 +150,7 @@ class FakeZone:
         if isinstance(question, RoomQuestion):
             return ROOM if self.updates else None
         if isinstance(question, PreheatQuestion):
-            warm, start = Range(21.0, 20.6, 21.4), question.by - 5400.0
-            return Preheat(START, "trusted", question.target, question.by, question.tolerance, question.probability,
-                           start, 90.0, 0.93, warm, Range(4.0, 3.0, 5.0), 17.0)  # fmt: skip
+            return foreseen(self, **question._asdict(), start=question.by - 5400.0)
         assert isinstance(question, FanQuestion)
         return self._fan(question)
 
@@ -163,23 +162,17 @@ class FakeZone:
         update = self.now().update
         if update is None or self.state == "stalled":
             return None
-        ahead, origins = np.arange(question.steps + 1), self.origins
-        if not origins:
-            origins = tuple(
-                InputOrigin(used.channel, "held", "", used.age, used.quality) for used in update.forecast.inputs
-            )
+        ahead, levels, inputs = np.arange(question.steps + 1), question.levels, update.forecast.inputs
+        held = (InputOrigin(used.channel, "held", "", used.age, used.quality) for used in inputs)
         origins = tuple(
             InputOrigin(one.channel, "plan", "", math.nan, Quality.GOOD) if one.channel in plan else one
-            for one in origins
+            for one in self.origins or held
         )
-        outputs = tuple(
-            columns(
-                [output(o.output, o.mean + 0.01 * k, o.sd * (1 + k) ** 0.5, question.levels) for k in ahead],
-                question.scenarios,
-            )
-            for o in update.forecast.outputs
+        rising = (
+            [output(one.output, one.mean + 0.01 * k, one.sd * (1 + k) ** 0.5, levels) for k in ahead]
+            for one in update.forecast.outputs
         )
-        return Fan(update, question.levels, outputs, origins)
+        return Fan(update, levels, tuple(columns(steps, question.scenarios) for steps in rising), origins)
 
     def _model(self, question: ModelQuestion) -> ModelPayload | None:
         self.asked.append(("model", *question))
@@ -249,6 +242,13 @@ class FakeZone:
         if self.failure is not None:
             raise self.failure
         return series_of(self, start, end, points)
+
+
+def foreseen(zone: FakeZone, **told: Any) -> Preheat:
+    """When to start heating for the next rise of the set-point, but for what is `told`."""
+    begin, warm = float(zone.updates[-1].forecast.issue_time), Range(21.0, 20.6, 21.4)
+    rise = Preheat(begin, "trusted", 21.0, begin + 9000.0, 0.5, 0.9, begin + 3600.0, 90.0, 0.93, warm, warm, 17.0)
+    return replace(rise, **told)
 
 
 def running(name: str, steps: int = 3, levels: Sequence[float] = (0.95,)) -> FakeZone:

@@ -3,7 +3,7 @@
 import { element, svg, tableRow } from "./dom.js";
 import { pressing } from "./ranking.js";
 import { amount, t } from "./text.js";
-import { findingSentence, findingText, saidNode } from "./words.js";
+import { channelText, findingSentence, findingText, saidNode } from "./words.js";
 
 // Fills `place` from the zone's description and its parameters, which may be null.
 export function showLearned(place, zone, parameters) {
@@ -21,11 +21,17 @@ export function showLearned(place, zone, parameters) {
       "details",
       {},
       element("summary", { textContent: t("learned.all", { count: rows.length }) }),
+      ...parameters.thermostat.map((law) => element("p", { className: "muted", textContent: lawText(law) })),
       ...parameters.variants.slice(0, 3).map(({ variant, weight }) => element("p", { className: "muted", textContent: t("learned.variant", { variant, share: amount(100 * weight, 2) }) })),
       ...findingList(parameters.findings.filter((finding) => !plain.includes(finding))),
       element("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": t("learned.title") }, element("table", {}, element("thead", {}, tableRow("th", [t("learned.name"), t("learned.value"), t("learned.interval"), t("learned.bounds"), t("learned.where")])), element("tbody", {}, ...rows))),
     ),
   );
+}
+
+function lawText({ channel, side, law, power, offset, band }) {
+  const [full, half, over] = [power, offset, band].map(({ mean, lower, upper }) => `${amount(mean, 2)} (${amount(lower, 2)} … ${amount(upper, 2)})`);
+  return t(`learned.law.${side}`, { channel: channelText(channel), law: t(`law.${law}`), power: full, offset: half, band: over });
 }
 
 function findingList(findings) {

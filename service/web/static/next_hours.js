@@ -4,7 +4,7 @@ import { Refused, get, post, zonePath } from "./api.js";
 import { element, paced } from "./dom.js";
 import { planEditor } from "./plan_editor.js";
 import { chartClock, chartConfig, colour, fanRange, layout, legend, line, loadPlotly } from "./plotting.js";
-import { celsius, duration, t } from "./text.js";
+import { celsius, duration, t, unitText } from "./text.js";
 import { moment, offset, utcText } from "./time.js";
 import { channelText, originText } from "./words.js";
 
@@ -17,6 +17,9 @@ const SLOTS = 24;
 const LEVELS = [0.95, 0.5];
 const ASK_MS = 250;
 const RENEW_MS = 10_000;
+const SET_POINT = { channel: "T_set", unit: "degC" };
+const COOLEST = 5;
+const WARMEST = 30;
 
 // The card of zone `id` as `zone` describes it; `failed(error)` is told what went wrong, and null once it works again.
 export function nextHours(id, zone, failed) {
@@ -39,12 +42,20 @@ export function nextHours(id, zone, failed) {
   let channel = heating[0];
   let asked = null;
   let edges = [];
-  const choice = heating.length > 1 ? element("select", { "aria-label": t("plan.channel") }, ...heating.map((one) => element("option", { value: one.channel, textContent: channelText(one.channel) }))) : null;
-  choice?.addEventListener("change", () => {
+  const choice = element("select", { "aria-label": t("plan.channel") });
+  function offer() {
+    choice.replaceChildren(...heating.map((one) => element("option", { value: one.channel, textContent: channelText(one.channel), selected: one === channel })));
+    choice.hidden = heating.length < 2;
+  }
+  offer();
+  choice.addEventListener("change", () => {
     channel = heating.find((one) => one.channel === choice.value);
+    asked?.abort();
+    askPaced.cancel();
     planned = null;
-    edit();
+    if (held) edit();
     draw();
+    failed(null);
   });
   const node = element("section", { className: "card" }, element("h2", { textContent: t("fan.title", { hours: duration((steps * period) / 1000) }) }), plot, lines, result, origins, choice, planPlace);
 
@@ -57,7 +68,7 @@ export function nextHours(id, zone, failed) {
       if (editor === null) edit();
       else {
         edges = slots(Date.parse(held.valid_time));
-        editor.move(edges, heatNow());
+        editor.move(edges, valueNow());
       }
       if (editor?.planned) await ask(editor.planned);
       else {
@@ -88,7 +99,8 @@ export function nextHours(id, zone, failed) {
     return found;
   }
 
-  function heatNow() {
+  function valueNow() {
+    if (channel === SET_POINT) return before.setpoint?.findLast((value) => value !== null) ?? COOLEST;
     return Math.max(0, held.inputs.find((one) => one.channel === channel.channel)?.value ?? 0);
   }
 
@@ -97,15 +109,16 @@ export function nextHours(id, zone, failed) {
     editor = null;
     if (!channel) return;
     const past = before.inputs.find((one) => one.channel === channel.channel)?.values.filter((value) => value !== null) ?? [];
-    const now = heatNow();
+    const now = valueNow();
     edges = slots(Date.parse(held.valid_time));
     editor = planEditor({
       channel: channelText(channel.channel),
-      unit: channel.unit,
+      unit: unitText(channel.unit),
       times: edges,
       now,
       usual: past.length ? past.reduce((a, b) => a + b, 0) / past.length : 0,
       most: past.reduce((a, b) => Math.max(a, b), now),
+      ...(channel === SET_POINT ? { least: COOLEST, most: WARMEST, grain: 0.5 } : {}),
       changed(values) {
         if (values === null) {
           asked?.abort();
@@ -192,6 +205,12 @@ export function nextHours(id, zone, failed) {
   return {
     node,
     redraw: draw,
+    // The law of the thermostat is known: set-points can be planned as well.
+    obeys() {
+      if (heating.includes(SET_POINT) || zone.channels.some((one) => one.channel === SET_POINT.channel)) return;
+      heating.push(SET_POINT);
+      offer();
+    },
     // There is a sample up to `time`.
     sample(time) {
       if (newest === null) result.textContent = t("loading");

@@ -1,4 +1,4 @@
-// The planned heating of the next hours as bars: dragged with the pointer, moved with the arrow keys.
+// What is planned of the next hours, heating or set-points, as bars: dragged with the pointer, moved with the arrow keys.
 
 import { element, set, svg } from "./dom.js";
 import { amount, t } from "./text.js";
@@ -8,9 +8,10 @@ const HEIGHT = 120;
 const STEPS = 20;
 
 // The editor of `channel` (with `unit`), whose `slots` begin at `times` (ms); `now` is its value now, `usual` its mean of late, `most` the largest.
-// `changed(values)` is called with the values of all slots, null for as it is now. `move` takes it on to later slots.
-export function planEditor({ channel, unit, times, now, usual, most, changed }) {
-  let largest = roundUp(most);
+// Set-points go up from `least` by `grain`. `changed(values)` is called with the values of all slots, null for as it is now. `move` takes it on to later slots.
+export function planEditor({ channel, unit, times, now, usual, most, least = 0, grain = null, changed }) {
+  let largest = grain === null ? roundUp(most) : most;
+  const stepOf = () => grain ?? largest / STEPS;
   let values = times.map(() => now);
   let touched = false;
   let bars = [];
@@ -22,7 +23,7 @@ export function planEditor({ channel, unit, times, now, usual, most, changed }) 
     bars = times.map((time, index) => {
       const track = svg("rect", { x: index * 10, y: 0, width: 10, height: HEIGHT, class: "track" });
       const bar = svg("rect", { x: index * 10 + 0.6, width: 8.8, class: "bar" });
-      const handle = svg("g", { tabindex: "0", role: "slider", "aria-label": t("plan.slot", { time: moment(time) }), "aria-valuemin": "0" }, track, bar);
+      const handle = svg("g", { tabindex: "0", role: "slider", "aria-label": t("plan.slot", { time: moment(time) }), "aria-valuemin": String(least) }, track, bar);
       handle.addEventListener("keydown", (event) => pressed(event, index));
       return { handle, bar };
     });
@@ -46,15 +47,15 @@ export function planEditor({ channel, unit, times, now, usual, most, changed }) 
   function draw() {
     area.classList.toggle("unplanned", !touched);
     bars.forEach(({ handle, bar }, index) => {
-      const height = Math.max(1.5, (Math.min(values[index], largest) / largest) * HEIGHT);
+      const height = Math.max(1.5, ((Math.min(values[index], largest) - least) / (largest - least)) * HEIGHT);
       bar.setAttribute("y", (HEIGHT - height).toFixed(2));
       bar.setAttribute("height", height.toFixed(2));
-      set(handle, { "aria-valuemax": String(largest), "aria-valuenow": String(Math.round(values[index])), "aria-valuetext": `${amount(values[index])} ${unit}` });
+      set(handle, { "aria-valuemax": String(largest), "aria-valuenow": String(grain === null ? Math.round(values[index]) : values[index]), "aria-valuetext": `${amount(values[index])} ${unit}` });
     });
     scale.textContent = `${amount(largest)} ${unit}`;
   }
   function put(index, value) {
-    const next = Math.max(0, Math.min(largest, value));
+    const next = Math.max(least, Math.min(largest, value));
     if (values[index] === next && touched) return;
     values[index] = next;
     tell();
@@ -65,11 +66,11 @@ export function planEditor({ channel, unit, times, now, usual, most, changed }) 
     changed([...values]);
   }
   function pressed(event, index) {
-    const step = largest / STEPS;
+    const step = stepOf();
     const move = { ArrowUp: step, ArrowDown: -step, PageUp: 5 * step, PageDown: -5 * step, Home: -Infinity, End: Infinity }[event.key];
     if (move !== undefined) {
       event.preventDefault();
-      put(index, Number.isFinite(move) ? values[index] + move : move > 0 ? largest : 0);
+      put(index, Number.isFinite(move) ? values[index] + move : move > 0 ? largest : least);
     } else if (event.key === "ArrowRight" || event.key === "ArrowLeft") {
       event.preventDefault();
       bars[index + (event.key === "ArrowRight" ? 1 : -1)]?.handle.focus();
@@ -79,8 +80,8 @@ export function planEditor({ channel, unit, times, now, usual, most, changed }) 
   function drag(event) {
     const box = area.getBoundingClientRect();
     const index = Math.max(0, Math.min(times.length - 1, Math.floor(((event.clientX - box.left) / box.width) * times.length)));
-    const step = largest / STEPS;
-    const value = Math.round(((1 - (event.clientY - box.top) / box.height) * largest) / step) * step;
+    const step = stepOf();
+    const value = Math.round((least + (1 - (event.clientY - box.top) / box.height) * (largest - least)) / step) * step;
     // A quick stroke skips bars; those between follow.
     const from = last ?? index;
     for (let each = Math.min(from, index); each <= Math.max(from, index); each += 1) put(each, value);
@@ -101,7 +102,7 @@ export function planEditor({ channel, unit, times, now, usual, most, changed }) 
   const ceiling = element("input", { type: "number", min: "1", step: "any", value: String(largest), "aria-label": t("plan.most", { unit }) });
   ceiling.addEventListener("change", () => {
     const value = Number(ceiling.value);
-    if (value > 0) {
+    if (value > least) {
       largest = value;
       values = values.map((each) => Math.min(each, largest));
       if (touched) tell();
@@ -124,14 +125,17 @@ export function planEditor({ channel, unit, times, now, usual, most, changed }) 
       draw();
       changed(null);
     }),
-    button(t("plan.off"), () => {
+    ...(grain === null ? switches() : []),
+    element("label", { className: "nowrap" }, `${t("plan.most", { unit })} `, ceiling),
+  );
+  function switches() {
+    const off = button(t("plan.off"), () => {
       values = times.map(() => 0);
       then.textContent = "";
       tell();
-    }),
-    element("span", { className: "nowrap" }, button(t("plan.off_until"), () => offUntil()), " ", until),
-    element("label", { className: "nowrap" }, `${t("plan.most", { unit })} `, ceiling),
-  );
+    });
+    return [off, element("span", { className: "nowrap" }, button(t("plan.off_until"), () => offUntil()), " ", until)];
+  }
   function offUntil() {
     // The first hour of the site's day with this name that lies ahead.
     const hour = (until.value || "00:00").slice(0, 2);

@@ -5,17 +5,17 @@ import { element, paced, set, svg } from "./dom.js";
 import { COLD } from "./ranking.js";
 import { said } from "./said.js";
 import { capital, duration, number, share, t } from "./text.js";
-import { clock, moment } from "./time.js";
+import { clock, moment, told } from "./time.js";
 import { saidNode } from "./words.js";
 
 const ASK_MS = 60_000;
 const HEIGHT = 60;
 const WORTH = 20;
 
-// The card of zone `id`; `failed(error)` is told what went wrong, and null once it works again.
-export function roomCard(id, failed) {
+// The card of zone `id`, whose newest sample ends at `until()`; `failed(error)` is told what went wrong, and null once it works again.
+export function roomCard(id, until, failed) {
   const [verdict, about] = [element("div", {}, element("p", { className: "muted", textContent: t("loading") })), element("div", {})];
-  const heating = preheatForm(id);
+  const heating = preheatForm(id, until);
   const node = element("section", { className: "card answers" }, element("h2", { textContent: t("room.title") }), verdict, heating.node, about);
   const ask = paced(async () => {
     try {
@@ -69,7 +69,7 @@ function profile({ sun, people }) {
 }
 
 // "Warm by 06:30 at 21": when to start.
-function preheatForm(id) {
+function preheatForm(id, until) {
   const target = element("input", { type: "number", min: "5", max: "35", step: "0.5", value: "21", required: true });
   const by = element("input", { type: "time", value: "06:30", required: true });
   const result = element("p", { role: "status", className: "result" });
@@ -86,7 +86,7 @@ function preheatForm(id) {
     event.preventDefault();
     asked = true;
     try {
-      result.textContent = startText(await get(`${zonePath(id)}/preheat?${new URLSearchParams({ target: target.value, by: by.value })}`));
+      result.textContent = startText(await get(`${zonePath(id)}/preheat?${new URLSearchParams({ target: target.value, by: told(by.value, until()) })}`));
     } catch (error) {
       const { text, lang } = said(error.message);
       result.replaceChildren(element("span", { lang, textContent: text }));

@@ -3,10 +3,15 @@
 import { element } from "./dom.js";
 import { language } from "./text.js";
 
+const DAY = 86_400_000;
+
 let zone = Intl.DateTimeFormat().resolvedOptions().timeZone;
+let sited = false;
 
 export function useTimeZone(name) {
-  if (name) zone = name;
+  if (!name) return;
+  zone = name;
+  sited = true;
 }
 
 export function timeZone() {
@@ -53,4 +58,14 @@ export function offset(time) {
   );
   const local = Date.UTC(parts.year, parts.month - 1, parts.day, parts.hour, parts.minute, parts.second);
   return local - Math.floor(time / 1000) * 1000;
+}
+
+// What the daemon is told of the next "06:30" after `start`: it knows the clocks of the site, but not those of a browser.
+export function told(text, start) {
+  if (sited) return text;
+  const [hours, minutes] = text.split(":").map(Number);
+  const ahead = offset(start);
+  const today = Math.floor((start + ahead) / DAY) * DAY + (hours * 60 + minutes) * 60_000;
+  const times = [today, today + DAY].map((time) => time - offset(time - ahead));
+  return new Date(times.find((time) => time > start)).toISOString();
 }

@@ -80,7 +80,7 @@ export function showZone(place, frame, id) {
   function build(zone) {
     cards.history = historyChart(id, known.zone.period_s * 1000, { expert: () => expert.open, failed: failing("history") });
     cards.next = nextHours(id, zone, failing("next"));
-    cards.room = roomCard(id, failing("room"));
+    cards.room = roomCard(id, () => (Date.parse(known.status.last_sample_time) || Date.now()) + zone.period_s * 1000, failing("room"));
     place.replaceChildren(
       element("nav", { "aria-label": t("zone.back") }, element("a", { href: "#/", textContent: `← ${t("zone.back")}` })),
       element("div", { className: "zone-head" }, element("h1", { textContent: id }), pill, now),
@@ -196,6 +196,7 @@ export function showZone(place, frame, id) {
       const open = learned.querySelector("details")?.open;
       showLearned(learned, known.zone, parameters);
       if (open) learned.querySelector("details").open = true;
+      if (parameters?.thermostat.length) cards.next?.obeys();
       failing("learned")(null);
     } catch (error) {
       failing("learned")(error);

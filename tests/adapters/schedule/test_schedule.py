@@ -31,8 +31,7 @@ def test_a_value_holds_from_its_time_of_day_until_the_next(time, value):
 async def test_a_zone_takes_its_set_points_from_it(tmp_path):
     every = {"on": ["mon", "tue", "wed", "thu", "fri", "sat", "sun"], "at": {"06:00": 70.0, "22:00": 62.0}}
     hours = {"kind": "schedule", "time_zone": "Europe/Berlin", "days": [every]}
-    setpoint = {"source": "hours", "unit": "degF"}
-    zone = sites.zone("room", "posted", {name: {} for name in sites.UNITS}, setpoint=setpoint)
+    zone = sites.zone("room", "posted", {}, setpoint={"source": "hours", "unit": "degF"})
     config = load(sites.written(tmp_path, {"posted": {"kind": "http"}, "hours": hours}, [zone]))
     (zone,) = config.zones
     times = np.array([datetime.fromisoformat(f"2025-07-01T{hour}:00+02:00").timestamp() for hour in ("05:59", "06:00")])
