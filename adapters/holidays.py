@@ -18,6 +18,6 @@ def public_holidays(country: str) -> Container[object]:
     code, _, part = country.partition("-")
     try:
         found: Container[object] = package.country_holidays(code, subdiv=part or None)
-    except NotImplementedError:
+    except (NotImplementedError, TypeError):
         raise ValueError(f'"{country}" is not a country that it knows; use a code such as "DE", or "DE-BW"') from None
     return found

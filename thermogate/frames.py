@@ -80,9 +80,14 @@ def clock(frame: Frame, zone: str | tzinfo | None, what: str) -> Clock:
     if not isinstance(frame, pd.DataFrame):
         raise DataError(f"{what} must be a pandas DataFrame, not {_kind(frame)}")
     if not isinstance(frame.index, pd.DatetimeIndex):
+        times, numeric = "df.index", pd.api.types.is_numeric_dtype
+        if numeric(frame.index.dtype):
+            # The numbers of rows would become nanoseconds of 1970.
+            columns = [name for name, kind in frame.dtypes.items() if not numeric(kind)]
+            times = f'df["{columns[0]}"]' if columns else 'df.index, unit="s"'
         raise DataError(
             f"the index of {what} holds {frame.index.dtype}, not times; make it one with "
-            "df.index = pd.to_datetime(df.index)"
+            f"df.index = pd.to_datetime({times})"
         )
     if not len(frame):
         raise DataError(f"{what} has no rows")
@@ -144,7 +149,7 @@ def spacing(seconds: Array) -> float:
         raise DataError('the table has one row, from which no period follows; give period, such as period="15min"')
     found, counts = np.unique(np.round(steps, 3), return_counts=True)
     usual = float(found[counts.argmax()])
-    if counts.max() * 2 < len(steps) or usual != int(usual) or DAY % usual:
+    if counts.max() * 2 < len(steps) or usual < 1.0 or usual != int(usual) or DAY % usual:
         raise DataError(
             f"the rows are {format_duration(float(steps.min()))} to {format_duration(float(steps.max()))} apart, from "
             'which no period follows; give period, such as period="15min"'

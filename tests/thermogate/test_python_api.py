@@ -453,7 +453,8 @@ def with_text(table: Any) -> Any:
     [
         *((fit(**arguments), sentence) for arguments, sentence in MISTAKES["fit"]),
         (fit(lambda t: t["T_i"]), "the table must be a pandas DataFrame, not a Series"),
-        (fit(lambda t: t.reset_index(drop=True)), r"the index of the table holds int64, not times; make it one with"),
+        (fit(lambda t: t.rename_axis("at").reset_index()), r'not times; .* df.index = pd.to_datetime\(df."at".\)'),
+        (fit(lambda t: t.set_index(pd.to_datetime(range(len(t)), unit="us", utc=True))), "the rows are .* apart"),
         (fit(lambda t: t.tz_localize(None)), 'the times of the table have no time zone; give tz, such as tz="Europe/'),
         (fit(lambda t: t.tz_localize(None), tz="Mars"), "tz: time zone 'Mars' is unknown; use an IANA name"),
         (fit(lambda t: t.iloc[:0]), "the table has no rows"),
