@@ -217,7 +217,8 @@ class Model:
         return comparison_table(self._answer(CompareQuestion(steps, courses, cost), steps * settings.zone.period))
 
     def parameters(self, levels: Sequence[float] = QUANTILES) -> Frame:
-        """Quantiles at `levels` of every parameter, its unit, the bounds of its prior, and whether it is learned."""
+        """Quantiles at `levels` of every parameter, its unit, the bounds of its prior, and whether it is learned. Of
+        intervals that have collapsed, surer than any telemetry allows, all but the median are NaN."""
         checked = _checked_levels(levels)
         network, summary = self.network, self._summary(checked)
         columns: dict[str, Any] = _quantiles(checked, summary.parameters)

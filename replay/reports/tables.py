@@ -121,8 +121,13 @@ def parameters(trace: Trace) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for parameter, quantiles in zip(trace.network.parameters, trace.parameters[-1].tolist(), strict=True):
         bounds = map(amount, (parameter.lower, parameter.upper)) if parameter.free else (None, None)
-        kind = "learned" if parameter.free else "fixed"
-        rows.append((parameter.name, parameter.unit, *map(amount, quantiles), *bounds, kind))
-    rows.append(("heat loss to all sides", "W/K", *map(amount, trace.heat_loss[-1].tolist()), None, None, "derived"))
+        kind = "fixed" if not parameter.free else "collapsed" if np.isnan(quantiles[0]) else "learned"
+        rows.append((parameter.name, parameter.unit, *_known(quantiles), *bounds, kind))
+    rows.append(("heat loss to all sides", "W/K", *_known(trace.heat_loss[-1].tolist()), None, None, "derived"))
     columns = ("parameter", "unit", low, median, high, "lower bound", "upper bound", "kind")
     return Table("parameters", columns, tuple(rows))
+
+
+def _known(quantiles: Sequence[float]) -> list[Cell]:
+    """`quantiles` as cells, of which those of an interval that has collapsed are empty."""
+    return [None if np.isnan(value) else amount(value) for value in quantiles]

@@ -46,7 +46,7 @@ function parameterRow({ name, unit, quantiles }, prior, findings) {
   return tableRow("td", [
     name,
     `${amount(middle)} ${unit}`,
-    `${amount(low)} … ${amount(high)}`,
+    low === null ? t("learned.collapsed") : `${amount(low)} … ${amount(high)}`,
     `${amount(prior.lower)} … ${amount(prior.upper)}`,
     element("span", {}, place(prior, quantiles), found.length ? ` ${found.join("; ")}` : ""),
   ]);

@@ -22,7 +22,7 @@ from replay.reports.kit.table import shown
 from replay.reports.language import in_language, sayer
 from replay.reports.page import report
 from replay.reports.publish import publish_report
-from replay.reports.tables import percent
+from replay.reports.tables import parameters, percent
 from service.cli.main import main
 from service.config.fitting import fingerprint, make_worker
 from service.config.kept import keep_configuration
@@ -295,6 +295,8 @@ def test_the_parameters_are_looked_at_every_six_hours_and_stay_in_their_bounds(r
         assert (values <= parameter.upper * (1 + 1e-9)).all()
     assert trace.gain.shape == (len(trace.rows), 3)
     assert np.isfinite(trace.gain[1:]).all()
+    table = parameters(trace._replace(parameters=trace.parameters * [np.nan, 1.0, np.nan]))
+    assert all(row[2] is row[4] is None and row[-1] == "collapsed" for row in table.rows[:-1])
 
 
 def contents(folder):
