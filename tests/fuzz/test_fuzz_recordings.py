@@ -8,7 +8,7 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 from fuzz.fuzzing import folder, raw
-from support.sources import recording
+from support.sources import played, recording
 
 from adapters.csv.cells import Status, parse_numbers
 from adapters.csv.times import parse_timestamps, to_utc
@@ -36,14 +36,10 @@ def delivered(content: bytes, name: str, **settings: object) -> list[Reading]:
     path.write_bytes(content)
     ours = {"zone": "Europe/Berlin", "delimiter": ";", "decimal": ","} | settings
     source = recording("log", [path], CHANNELS, "Timestamp", **ours)
-
-    async def collect() -> list[Reading]:
-        return [reading async for batch in source.batches(None) for reading in batch.readings]
-
     for problem in source.check():
         assert str(path) in problem
     try:
-        readings = asyncio.run(collect())
+        readings = [reading for batch in played(source) for reading in batch.readings]
         asyncio.run(source.probe(0.0))
     except SourceError as refused:
         error = str(refused)

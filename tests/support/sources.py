@@ -42,13 +42,18 @@ def values(batches: Iterable[Batch]) -> dict[str, Any]:
     return {reading.channel: reading.fault or reading.value for batch in batches for reading in batch.readings}
 
 
-def delivered(source: Any, start: float | None, begin: float) -> list[tuple[float, float | None]]:
-    """Seconds since `begin` [UTC s] and value of all that a recorded `source` delivers, none ahead of its clock."""
+def played(source: Any, start: float | None = None) -> list[Batch]:
+    """All batches of a recorded `source`."""
 
     async def run() -> list[Batch]:
         return [batch async for batch in source.batches(start)]
 
-    batches = asyncio.run(run())
+    return asyncio.run(run())
+
+
+def delivered(source: Any, start: float | None, begin: float) -> list[tuple[float, float | None]]:
+    """Seconds since `begin` [UTC s] and value of all that a recorded `source` delivers, none ahead of its clock."""
+    batches = played(source, start)
     assert all(reading.time <= batch.now for batch in batches for reading in batch.readings)
     return [(reading.time - begin, reading.value) for batch in batches for reading in batch.readings]
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.sources import recording
+from support.sources import played, recording
 
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.reading import Fault
@@ -25,11 +25,8 @@ BERLIN = {"column": "when", "zone": "Europe/Berlin", "format": "%Y-%m-%d %H:%M"}
 def readings(path, **layout):
     source = recording("recording", [path], CHANNELS, **layout)
     assert source.check() == []
-
-    async def collect():
-        return [reading async for batch in source.batches(None) for reading in batch.readings]
-
-    return [(one.channel, repr(one.time), repr(one.value), one.fault) for one in asyncio.run(collect())]
+    found = [reading for batch in played(source) for reading in batch.readings]
+    return [(one.channel, repr(one.time), repr(one.value), one.fault) for one in found]
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from math import isnan
 
 import pytest
-from support.sources import recording
+from support.sources import played, recording
 from support.tables import tabled
 from support.waiting import until, wait_until
 
@@ -32,15 +32,8 @@ def source(*files, channels=(TEMPERATURE,), **settings):
     return recording("recording", files, channels, **settings)
 
 
-def batches(csv_source, start=None):
-    async def collect():
-        return [batch async for batch in csv_source.batches(start)]
-
-    return asyncio.run(collect())
-
-
 def readings(csv_source, start=None):
-    return [reading for batch in batches(csv_source, start) for reading in batch.readings]
+    return [reading for batch in played(csv_source, start) for reading in batch.readings]
 
 
 def values(csv_source, start=None):
@@ -97,7 +90,7 @@ def test_each_bad_cell_is_delivered_with_its_fault_and_missing_ones_not_at_all(t
 def test_a_refused_timestamp_is_one_fault_per_channel_where_it_stands(tmp_path, text, fault):
     path = write(tmp_path / "a.csv", f"t,T,U\n1970-01-01 00:00:00Z,1,2\n{text},1,\n1970-01-01 00:00:20Z,1,2\n")
     channels = [{"id": f"z/{name}", "column": name} for name in "TU"]
-    first, last = batches(source(path, channels=channels, pace=1e6))
+    first, last = played(source(path, channels=channels, pace=1e6))
     assert (first.now, last.now) == (0.0, 20.0)
     refused = [reading for reading in first.readings if reading.fault]
     assert [(reading.channel, reading.fault) for reading in refused] == [("z/T", fault), ("z/U", fault)]
@@ -116,7 +109,7 @@ def test_files_follow_one_another_and_the_clock_never_goes_back(tmp_path):
         write(tmp_path / "empty.csv", "T,t\n"),
         write(tmp_path / "b.csv.gz", "x,T,t\n0,2,20\n0,4,40\n"),
     ]
-    got = batches(source(*paths, format="epoch", pace=1e9))
+    got = played(source(*paths, format="epoch", pace=1e9))
     assert [(batch.readings[0].value, batch.now) for batch in got] == [(1.0, 10), (3.0, 30), (2.0, 30), (4.0, 40)]
 
 
@@ -130,7 +123,7 @@ def test_start_skips_what_came_before_in_every_file(tmp_path):
 
 def test_many_rows_come_in_few_batches_and_all_of_them(tmp_path):
     path = write(tmp_path / "a.csv", "t,T\n" + "".join(f"{i},{i % 7}\n" for i in range(10_000)))
-    got = batches(source(path, format="epoch"))
+    got = played(source(path, format="epoch"))
     assert [reading.time for batch in got for reading in batch.readings] == list(range(10_000))
     assert all(batch.now == batch.readings[-1].time for batch in got)
     assert len(got) < 10
@@ -219,9 +212,9 @@ def test_a_pipe_is_not_waited_for(tmp_path, name):
 
 def test_a_missing_column_and_an_endless_quote_are_told_when_running(tmp_path):
     with pytest.raises(SourceConfigError, match="has no column 'T'"):
-        batches(source(write(tmp_path / "a.csv", "t,U\n0,1\n")))
+        played(source(write(tmp_path / "a.csv", "t,U\n0,1\n")))
     with pytest.raises(SourceUnavailable, match="look for a quote that is not closed"):
-        batches(source(write(tmp_path / "b.csv", 't,T\n0,"1' + "0" * 200_000)))
+        played(source(write(tmp_path / "b.csv", 't,T\n0,"1' + "0" * 200_000)))
 
 
 def test_a_column_without_a_name(tmp_path):
