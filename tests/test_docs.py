@@ -37,22 +37,13 @@ from estimator.network import presets
 from estimator.particle import options
 from estimator.types import Outcome
 from service.cli.main import main
-from service.config import (
-    network_tables as network_models,
-)
-from service.config import (
-    site as config_models,
-)
+from service.config import network_tables, site
 from service.config.load import load
 from service.config.networks import resolve
 from service.daemon.reload import RELOADABLE
-from service.publish import payloads
-from service.publish import zenoh as publish_zenoh
+from service.publish import payloads, zenoh
 from service.publish.sinks import TOPICS
-from service.records import history as history_records
-from service.records import receipt as receipt_records
-from service.records import skill as skill_records
-from service.records import trust as trust_records
+from service.records import history, receipt, skill, trust
 from service.records.record import document_of
 from service.records.record import names as record_names
 from service.records.status import STATES
@@ -133,7 +124,7 @@ def test_toml_examples_are_right(block: Block, tmp_path: Path) -> None:
             weather_models.WEATHER_KINDS[table["kind"]].model_validate(table, context={"folder": tmp_path})
     elif raw.keys() == {"zenoh", "sources"}:
         context = {"folder": tmp_path}
-        assert publish_zenoh.ZenohConfig.model_validate(raw["zenoh"], context=context).mode == "client"
+        assert zenoh.ZenohConfig.model_validate(raw["zenoh"], context=context).mode == "client"
         for source in raw["sources"].values():
             zenoh_models.ZenohSourceConfig.model_validate(source, context=context)
     elif raw["zones"].keys() == {"setpoint"}:
@@ -146,7 +137,7 @@ def test_toml_examples_are_right(block: Block, tmp_path: Path) -> None:
     else:
         assert raw.keys() == {"zones"}, "a fragment shows one network, the options of a bank, or Zenoh sessions"
         assert raw["zones"].keys() == {"network"}
-        model, table = network_models.network_model(raw["zones"]["network"])
+        model, table = network_tables.network_model(raw["zones"]["network"])
         network, wrong = resolve(model.model_validate(table))
         assert network is not None
         assert not wrong
@@ -166,8 +157,6 @@ def test_units_and_their_defaults_are_those_in_force() -> None:
 
 TITETH = presets.network("titeth")
 RBPF, UKF = options.resolve, augmented_options.resolve_ukf
-
-
 ARX, DAILY = arx_options.resolve, arx_options.resolve_daily
 
 
@@ -218,9 +207,9 @@ def test_what_a_reload_can_change_is_documented() -> None:
     described = {
         re.sub(r"\W.*", "", name[1:]): effect for row, effect in rows.items() for name in names(row) if "[" in name
     }
-    assert described.keys() | {"zones", "sources"} == {*config_models.TABLES}
+    assert described.keys() | {"zones", "sources"} == {*site.TABLES}
     after_a_restart = {name for name, effect in described.items() if "restart the daemon" in effect}
-    assert after_a_restart == {*config_models.TABLES} - {*RELOADABLE}
+    assert after_a_restart == {*site.TABLES} - {*RELOADABLE}
 
 
 def test_the_changelog_tells_the_versions_of_stored_state() -> None:
@@ -257,7 +246,7 @@ def differences(resolved: Any, default: Any) -> dict[str, Any]:
     }
 
 
-RECORDS = (receipt_records, history_records, skill_records, trust_records)
+RECORDS = (receipt, history, skill, trust)
 PAYLOADS = (*RECORDS, payloads, api_models, page_models, api_problems, control_models, planned)
 """Where the models and records of the JSON examples are."""
 
