@@ -2,10 +2,8 @@
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
-from typing import Any
 
 import pytest
 from fastapi import FastAPI
@@ -19,7 +17,7 @@ from service.zone.questions import THREADS, WAITING, WAITING_OF_ONE, Questions
 
 
 @asynccontextmanager
-async def asking() -> AsyncIterator[Questions]:
+async def asking():
     stopping = threading.Event()
     with ThreadPoolExecutor(THREADS) as executor:
         try:
@@ -28,7 +26,7 @@ async def asking() -> AsyncIterator[Questions]:
             stopping.set()
 
 
-async def ask(questions: Questions, asker: Asker, question: Callable[[Callable[[], bool]], Any]) -> Any:
+async def ask(questions, asker, question):
     asked_by(asker)
     return await questions.ask(question)
 
@@ -36,17 +34,17 @@ async def ask(questions: Questions, asker: Asker, question: Callable[[Callable[[
 class Long:
     """A question that is computed until nobody waits for it any more."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.begun = 0
 
-    def __call__(self, given_up: Callable[[], bool]) -> None:
+    def __call__(self, given_up):
         self.begun += 1
         while not given_up():
             threading.Event().wait(0.001)
         raise ServiceError("given up")
 
 
-async def test_a_client_that_has_gone_is_computed_nothing_for() -> None:
+async def test_a_client_that_has_gone_is_computed_nothing_for():
     async with asking() as questions:
         asker, long = Asker("gone"), Long()
         asked = [asyncio.create_task(ask(questions, asker, long)) for _ in range(10)]
@@ -57,7 +55,7 @@ async def test_a_client_that_has_gone_is_computed_nothing_for() -> None:
         assert long.begun == module.THREADS_OF_ONE, "those that waited were not begun"
 
 
-async def test_many_questions_of_one_client_leave_a_thread_to_the_others() -> None:
+async def test_many_questions_of_one_client_leave_a_thread_to_the_others():
     async with asking() as questions:
         greedy, long = Asker("greedy"), Long()
         asked = [asyncio.create_task(ask(questions, greedy, long)) for _ in range(WAITING_OF_ONE)]
@@ -70,7 +68,7 @@ async def test_many_questions_of_one_client_leave_a_thread_to_the_others() -> No
         assert await ask(questions, Asker("greedy"), lambda given_up: "again") == "again"
 
 
-async def test_all_clients_together_are_bounded_but_not_the_daemon() -> None:
+async def test_all_clients_together_are_bounded_but_not_the_daemon():
     async with asking() as questions:
         askers, long = [Asker(f"client {index}") for index in range(WAITING)], Long()
         asked = [asyncio.create_task(ask(questions, asker, long)) for asker in askers]
@@ -84,12 +82,12 @@ async def test_all_clients_together_are_bounded_but_not_the_daemon() -> None:
         await asyncio.gather(*asked, return_exceptions=True)
 
 
-async def test_the_server_says_when_a_client_has_gone() -> None:
+async def test_the_server_says_when_a_client_has_gone():
     app = FastAPI()
     seen: list[Asker] = []
 
     @app.get("/long")
-    async def long() -> None:
+    async def long():
         asker = current_asker()
         seen.append(asker)
         await until(asker.gone.is_set)
@@ -103,12 +101,12 @@ async def test_the_server_says_when_a_client_has_gone() -> None:
         await until(seen[0].gone.is_set)
 
 
-async def test_what_a_request_has_left_behind_goes_on_when_its_client_goes() -> None:
+async def test_what_a_request_has_left_behind_goes_on_when_its_client_goes():
     app = FastAPI()
     seen: list[Asker] = []
 
     @app.get("/short")
-    async def short() -> None:
+    async def short():
         seen.extend(filter(None, [current_asker()]))
 
     async with serving(app, config()) as server:

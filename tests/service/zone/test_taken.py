@@ -3,7 +3,6 @@
 import asyncio
 from collections import Counter
 from math import isnan
-from pathlib import Path
 
 import pytest
 from support.running_zone import make, plumbing
@@ -15,11 +14,9 @@ from estimator.network.presets import network
 from service.errors import JournalError, ServiceError
 from service.records.asker import Asker, asked_by
 from service.records.receipt import Receipt
-from service.records.sample import Sample
 from service.store.audit import AUDIT
 from service.zone.alignment import Alignment, Rules
 from service.zone.clock import Clock
-from service.zone.zone import Zone
 
 NETWORK = network("ecolar-6r4c")
 OUTPUT, INPUT = NETWORK.measured[0], NETWORK.inputs[0]
@@ -27,18 +24,18 @@ DAY = 1_772_000_000 // 86400 * 86400
 CHANNELS = {name: f"z/{name}" for name in NETWORK.channels}
 
 
-def reading(channel: str, time: float, value: float = 20.0, fault: Fault | None = None) -> Reading:
+def reading(channel, time, value=20.0, fault=None):
     quality = Quality.GOOD if fault is None else Quality.BAD
     return Reading(CHANNELS[channel], DAY + time, value, quality, fault)
 
 
-def aligned(zone: Zone, after: int | None = None) -> Zone:
+def aligned(zone, after=None):
     alignment = Alignment(NETWORK, PERIOD, ["post"], Rules(zone="z", resume_after=after, live=True))
     zone.align(alignment, live=True)
     return zone
 
 
-async def test_each_channel_and_time_is_accepted_once(tmp_path: Path) -> None:
+async def test_each_channel_and_time_is_accepted_once(tmp_path):
     async with plumbing(tmp_path) as shared:
         zone = aligned(make(shared))
         first = [reading(OUTPUT, 10.0), reading(INPUT, 10.0, 5.0)]
@@ -49,9 +46,7 @@ async def test_each_channel_and_time_is_accepted_once(tmp_path: Path) -> None:
         assert zone.now().status.faults == {}
 
 
-async def test_who_wrote_a_channel_is_known_and_another_one_is_told_of(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_who_wrote_a_channel_is_known_and_another_one_is_told_of(tmp_path, caplog):
     async with plumbing(tmp_path) as shared:
         zone = aligned(make(shared))
         await zone.deliver("bms", [reading(INPUT, 9.0, 5.0)], DAY + 9.0)
@@ -68,15 +63,13 @@ async def test_who_wrote_a_channel_is_known_and_another_one_is_told_of(
 
 
 @pytest.mark.parametrize("failing", [False, True])
-async def test_a_sample_goes_on_where_its_source_is_stopped_meanwhile(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: bool
-) -> None:
+async def test_a_sample_goes_on_where_its_source_is_stopped_meanwhile(tmp_path, monkeypatch, failing):
     async with plumbing(tmp_path) as shared:
         zone = aligned(make(shared))
         store, held = shared.store, asyncio.Event()
         append = store.append
 
-        async def slowly(name: str, sample: Sample) -> None:
+        async def slowly(name, sample):
             await held.wait()
             if failing and not failed:
                 failed.append(sample.time)
@@ -100,11 +93,11 @@ async def test_a_sample_goes_on_where_its_source_is_stopped_meanwhile(
         assert zone.busy.waiting == 1
 
 
-async def test_a_zone_closes_while_the_journal_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_zone_closes_while_the_journal_fails(tmp_path, monkeypatch):
     async with plumbing(tmp_path) as shared:
         zone = aligned(make(shared))
 
-        async def full(name: str, sample: Sample) -> None:
+        async def full(name, sample):
             raise JournalError("the disk is full")
 
         monkeypatch.setattr(shared.store, "append", full)
@@ -116,7 +109,7 @@ async def test_a_zone_closes_while_the_journal_fails(tmp_path: Path, monkeypatch
         assert await shared.store.samples_after("z", None) == []
 
 
-async def test_what_is_refused_is_counted_by_its_fault(tmp_path: Path) -> None:
+async def test_what_is_refused_is_counted_by_its_fault(tmp_path):
     async with plumbing(tmp_path) as shared:
         zone = aligned(make(shared))
         await zone.intake.take("post", [reading(OUTPUT, 10.0)])
@@ -128,7 +121,7 @@ async def test_what_is_refused_is_counted_by_its_fault(tmp_path: Path) -> None:
         assert zone.now().status.faults == {"out_of_order": 1, "out_of_range": 1}
 
 
-async def test_a_start_recalls_what_had_not_closed_and_nothing_else(tmp_path: Path) -> None:
+async def test_a_start_recalls_what_had_not_closed_and_nothing_else(tmp_path):
     async with plumbing(tmp_path) as shared:
         zone = aligned(make(shared))
         await zone.intake.take("post", [reading(OUTPUT, 10.0), reading(INPUT, 10.0)])
@@ -151,13 +144,11 @@ async def test_a_start_recalls_what_had_not_closed_and_nothing_else(tmp_path: Pa
         assert zone.now().status.faults == {}
 
 
-async def test_where_the_journal_fails_nothing_is_promised_and_the_next_try_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_where_the_journal_fails_nothing_is_promised_and_the_next_try_is(tmp_path, monkeypatch):
     async with plumbing(tmp_path) as shared:
         zone = aligned(make(shared))
 
-        def full(*_: object) -> None:
+        def full(*_):
             raise JournalError("the journal failed (disk full); free space on its disk")
 
         with monkeypatch.context() as failing:
@@ -171,7 +162,7 @@ async def test_where_the_journal_fails_nothing_is_promised_and_the_next_try_is(
         assert kept == [reading(OUTPUT, 10.0, 21.5)], "what the sample will hold is what is on disk"
 
 
-async def test_a_zone_that_is_being_stopped_takes_nothing(tmp_path: Path) -> None:
+async def test_a_zone_that_is_being_stopped_takes_nothing(tmp_path):
     async with plumbing(tmp_path) as shared:
         zone = aligned(make(shared))
         await zone.intake.close()
@@ -180,7 +171,7 @@ async def test_a_zone_that_is_being_stopped_takes_nothing(tmp_path: Path) -> Non
         assert await shared.store.run(shared.store.journal.kept, "z", 0.0) == []
 
 
-async def test_clocks_are_those_of_the_machine(tmp_path: Path) -> None:
+async def test_clocks_are_those_of_the_machine(tmp_path):
     """What is posted does not move a zone's time on."""
     async with plumbing(tmp_path) as shared:
         zone = aligned(make(shared._replace(clock=Clock(lambda: DAY + 1.0, lambda: 0.0))))
