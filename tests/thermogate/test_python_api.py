@@ -2,9 +2,8 @@
 
 import json
 import warnings
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import timedelta, timezone, tzinfo
+from datetime import timedelta, timezone
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ FEW: dict[str, Any] = {"estimator": "ekf"}
 MISTAKES = json.loads(Path(__file__).with_name("mistakes.json").read_text(encoding="utf-8"))
 
 
-def room(start: str = "2025-01-10 00:00", samples: int = 60, tz: str | None = "UTC", period: str = "10min") -> Any:
+def room(start="2025-01-10 00:00", samples=60, tz="UTC", period="10min"):
     """A heated room: degC and W, from `start` on."""
     index = pd.date_range(start, periods=samples, freq=period, tz=tz)
     step = np.arange(samples)
@@ -42,21 +41,21 @@ def room(start: str = "2025-01-10 00:00", samples: int = 60, tz: str | None = "U
 
 
 @pytest.fixture
-def model() -> tg.Model:
+def model():
     return in_utc("2025-01-10 00:00")
 
 
 @cache
-def in_utc(start: str) -> tg.Model:
+def in_utc(start):
     """A model of the room from `start` on."""
     return tg.fit(room(start), "tite", **FEW)
 
 
-def bits(frame: Any) -> list[bytes]:
+def bits(frame):
     return [np.ascontiguousarray(frame[name]).tobytes() for name in frame if frame[name].dtype.kind in "fi"]
 
 
-def assert_same(left: tg.Model, right: tg.Model) -> None:
+def assert_same(left, right):
     for name in ("predictions", "volatility", "parameter_history", "disturbance"):
         assert bits(getattr(left, name)) == bits(getattr(right, name)), name
         assert (getattr(left, name).index == getattr(right, name).index).all()
@@ -64,7 +63,7 @@ def assert_same(left: tg.Model, right: tg.Model) -> None:
     assert left.skill().equals(right.skill())
 
 
-def test_the_defaults_are_those_of_the_daemon() -> None:
+def test_the_defaults_are_those_of_the_daemon():
     table = room(samples=8)
     assert tg.fit(table, "tite", estimator_options={"particles": 50}).estimator == "rbpf"
     model = tg.fit(table, "tite")
@@ -74,24 +73,24 @@ def test_the_defaults_are_those_of_the_daemon() -> None:
 
 
 @pytest.mark.parametrize("given", ["10min", 600, timedelta(minutes=10), pd.Timedelta("10min")])
-def test_a_period_is_written_as_in_the_configuration_or_a_timedelta(given: Any, model: tg.Model) -> None:
+def test_a_period_is_written_as_in_the_configuration_or_a_timedelta(given, model):
     assert_same(tg.fit(room(), "tite", period=given, **FEW), model)
 
 
-def test_a_network_is_a_name_a_table_or_an_object(model: tg.Model) -> None:
+def test_a_network_is_a_name_a_table_or_an_object(model):
     assert_same(tg.fit(room(), presets.network("tite"), **FEW), model)
     changed = tg.fit(room(), {"preset": "tite", "parameters": {"C_i": {"value": 2e6}}}, **FEW)
     assert not changed.parameters().loc["C_i", "free"]
     assert changed.parameters().loc["C_i", "q0.5"] == 2e6
 
 
-def test_the_network_auto_follows_from_the_columns() -> None:
+def test_the_network_auto_follows_from_the_columns():
     table = room().assign(T_adj=18.0, unused=1.0).rename(columns={"T_i": "Room"})
     network = tg.fit(table, "auto", columns={"T_i": "Room"}, **FEW).network
     assert network.channels == ("T_i", "T_out", "T_adj", "u_heat")
 
 
-def test_columns_have_other_names_units_and_order(model: tg.Model) -> None:
+def test_columns_have_other_names_units_and_order(model):
     table = room()
     raw = pd.DataFrame(
         {"Room": table["T_i"] + 273.15, "Heating kW": table["u_heat"] / 1000, "Out": table["T_out"], "Hum": 40.0}
@@ -103,12 +102,12 @@ def test_columns_have_other_names_units_and_order(model: tg.Model) -> None:
     assert bits(found.forecast(plan, "1h")) == bits(found.forecast({"u_heat": 1000.0}, "1h"))
 
 
-def test_the_usual_distance_of_the_rows_is_the_period() -> None:
+def test_the_usual_distance_of_the_rows_is_the_period():
     table = room().drop(room().index[[7, 20, 21]])
     assert tg.fit(table, "tite", **FEW).period == timedelta(minutes=10)
 
 
-def test_an_end_without_measurements_leaves_no_forecast() -> None:
+def test_an_end_without_measurements_leaves_no_forecast():
     table = room(samples=80)
     table.loc[table.index[40:], "T_i"] = np.nan
     model = tg.fit(table, "tite", **FEW)
@@ -148,7 +147,7 @@ NAMED = [timezone(timedelta(hours=hours), name) for hours, name in ((1.0, "CET")
         *((JANUARY, zone, None, "UTC") for zone in NAMELESS),
     ],
 )
-def test_times_mean_the_same_in_every_zone(start: str, zone: Any, tz: Any, shown: str) -> None:
+def test_times_mean_the_same_in_every_zone(start, zone, tz, shown):
     local = room(start).tz_convert(zone)
     found = tg.fit(local.tz_localize(None) if zone == tz else local, "tite", tz=tz, **FEW)
     assert_same(found, in_utc(start))
@@ -156,20 +155,20 @@ def test_times_mean_the_same_in_every_zone(start: str, zone: Any, tz: Any, shown
 
 
 @pytest.mark.parametrize("zone", NAMELESS)
-def test_a_zone_without_a_name_cannot_be_given(zone: tzinfo) -> None:
+def test_a_zone_without_a_name_cannot_be_given(zone):
     for table in (room().tz_convert(zone), room().tz_localize(None)):
         with pytest.raises(tg.DataError, match=r"tz: the time zone .*; give a name such as .* or an offset such as"):
             tg.fit(table, "tite", tz=zone, **FEW)
 
 
 @contextmanager
-def silence() -> Iterator[None]:
+def silence():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         yield
 
 
-def test_faults_of_rows_that_are_passed_over_are_not_told_again() -> None:
+def test_faults_of_rows_that_are_passed_over_are_not_told_again():
     table = room(samples=80)
     table.loc[table.index[[5, 70]], "T_i"] = [300.0, 400.0]
     with pytest.warns(UserWarning, match="not used"):
@@ -188,7 +187,7 @@ SPRING = room("2025-03-30 00:00", samples=60, tz=None)
 """Spring skips rows 12 to 17."""
 
 
-def test_times_that_cannot_be_and_are_passed_over_are_not_counted_again() -> None:
+def test_times_that_cannot_be_and_are_passed_over_are_not_counted_again():
     whole = {"tz": BERLIN, **FEW}
     model = tg.fit(SPRING.iloc[:12], "tite", **whole)
     with pytest.warns(UserWarning, match=r"18 readings not used \(bad timestamp\)"):
@@ -206,7 +205,7 @@ def test_times_that_cannot_be_and_are_passed_over_are_not_counted_again() -> Non
         assert model.update(ancient).faults == before
 
 
-def test_values_that_cannot_be_are_not_used_and_named() -> None:
+def test_values_that_cannot_be_are_not_used_and_named():
     table = room()
     table.loc[table.index[[5, 9]], "T_i"] = [300.0, np.inf]
     with pytest.warns(UserWarning, match="not used") as told:
@@ -219,7 +218,7 @@ def test_values_that_cannot_be_are_not_used_and_named() -> None:
     assert "1 out_of_range" in repr(model)
 
 
-def test_what_looks_wrong_is_told_with_what_to_write_instead() -> None:
+def test_what_looks_wrong_is_told_with_what_to_write_instead():
     table = room(samples=200)
     wrong = table.assign(T_i=9.0 / 5.0 * table["T_i"] + 32.0, u_heat=table["u_heat"] / 1000.0)
     with pytest.warns(UserWarning, match="if it is in (kW|degF)|are the two swapped") as told:
@@ -229,7 +228,7 @@ def test_what_looks_wrong_is_told_with_what_to_write_instead() -> None:
     assert 'write columns={"T_i": ("T_i", "degF")}' in sentences
 
 
-def test_going_on_later_is_the_same_as_one_table() -> None:
+def test_going_on_later_is_the_same_as_one_table():
     table, cut = room(samples=100), 47
     model = tg.fit(table.iloc[:cut], "tite", **FEW)
     assert model.update(table.iloc[cut - 5 :]) is model
@@ -239,7 +238,7 @@ def test_going_on_later_is_the_same_as_one_table() -> None:
 
 
 @tabled
-def test_a_saved_model_goes_on_with_the_same_bits(estimator: str, options: dict[str, Any], tmp_path: Path) -> None:
+def test_a_saved_model_goes_on_with_the_same_bits(estimator, options, tmp_path):
     table, cut, path = room(samples=60), 40, tmp_path / "room.model"
     model = tg.fit(table.iloc[:cut], "tite", estimator=estimator, estimator_options=options, seed=3)
     model.save(path)
@@ -254,7 +253,7 @@ def test_a_saved_model_goes_on_with_the_same_bits(estimator: str, options: dict[
     assert [file.name for file in tmp_path.iterdir()] == ["room.model"]
 
 
-def test_sun_and_habits_are_learned_told_and_saved(tmp_path: Path) -> None:
+def test_sun_and_habits_are_learned_told_and_saved(tmp_path):
     table = room(samples=50)
     table["I_sol"] = 300.0
     options: dict[str, Any] = {"estimator": "mkf", "estimator_options": {"preset": "habits"}}
@@ -282,7 +281,7 @@ def test_sun_and_habits_are_learned_told_and_saved(tmp_path: Path) -> None:
     assert tg.load(tmp_path / "then.npz").network.terms == ()
 
 
-def test_a_model_saved_before_the_default_changed_goes_on_as_what_it_was(tmp_path: Path) -> None:
+def test_a_model_saved_before_the_default_changed_goes_on_as_what_it_was(tmp_path):
     model = tg.fit(room(samples=10), "tite", estimator="rbpf")
     model.save(tmp_path / "now.npz")
     now = decode((tmp_path / "now.npz").read_bytes(), tmp_path)
@@ -293,7 +292,7 @@ def test_a_model_saved_before_the_default_changed_goes_on_as_what_it_was(tmp_pat
     assert_same(loaded, model)
 
 
-def test_a_saved_model_keeps_columns_units_zone_and_network(tmp_path: Path) -> None:
+def test_a_saved_model_keeps_columns_units_zone_and_network(tmp_path):
     table = room().rename(columns={"T_i": "Room"}).tz_convert("Europe/Berlin").tz_localize(None)
     table["Heat"] = table.pop("u_heat") / 1000
     network = presets.network("tite").with_parameter("C_i", lower=2e5)
@@ -307,7 +306,7 @@ def test_a_saved_model_keeps_columns_units_zone_and_network(tmp_path: Path) -> N
     assert "lower_0.9" in loaded.predictions
 
 
-def test_no_other_file_is_taken_for_a_model(tmp_path: Path, model: tg.Model) -> None:
+def test_no_other_file_is_taken_for_a_model(tmp_path, model):
     path = tmp_path / "m.npz"
     with pytest.raises(tg.DataError, match="there is no file"):
         tg.load(path)
@@ -320,9 +319,7 @@ def test_no_other_file_is_taken_for_a_model(tmp_path: Path, model: tg.Model) -> 
             tg.load(path)
 
 
-def test_a_model_that_cannot_be_written_leaves_nothing_behind(
-    tmp_path: Path, model: tg.Model, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_model_that_cannot_be_written_leaves_nothing_behind(tmp_path, model, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for path in (tmp_path, "", ".", tmp_path / "nowhere" / "m.npz"):
         with pytest.raises(tg.DataError, match=r"cannot be written to .*; choose another file"):
@@ -330,7 +327,7 @@ def test_a_model_that_cannot_be_written_leaves_nothing_behind(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_plan_can_be_written_in_many_ways(model: tg.Model) -> None:
+def test_a_plan_can_be_written_in_many_ways(model):
     times = model.forecast(horizon="1h").index
     heat = [0.0, 500.0, 1000.0, 1500.0, 2000.0, 2500.0]
     expected = bits(model.forecast({"u_heat": heat}, "1h"))
@@ -350,7 +347,7 @@ def test_a_plan_can_be_written_in_many_ways(model: tg.Model) -> None:
     assert bits(model.forecast(pd.DataFrame({"u_heat": [700.0] * 6, "T_out": 3.0}), "1h")) == constant
 
 
-def test_what_is_not_planned_is_held(model: tg.Model) -> None:
+def test_what_is_not_planned_is_held(model):
     times = model.forecast(horizon="1h").index
     held = bits(model.forecast(horizon="1h"))
     last = room().iloc[-1]
@@ -365,7 +362,7 @@ def test_what_is_not_planned_is_held(model: tg.Model) -> None:
     assert bits(model.forecast(late, "1h")) == bits(model.forecast({"u_heat": steps}, "1h"))
 
 
-def test_scenarios_are_the_paths_of_the_mixture_filter() -> None:
+def test_scenarios_are_the_paths_of_the_mixture_filter():
     model = tg.fit(room(), "tite", estimator="mkf", estimator_options={"particles": 32})
     paths = model.scenarios({"u_heat": 1000.0}, "3h", count=50)
     assert paths.shape == (19, 50)
@@ -376,7 +373,7 @@ def test_scenarios_are_the_paths_of_the_mixture_filter() -> None:
     assert disturbance["measurement_sd_T_i_lower"] <= disturbance["measurement_sd_T_i_upper"]
 
 
-def test_scenarios_of_a_bank_are_those_of_its_whole_forecast() -> None:
+def test_scenarios_of_a_bank_are_those_of_its_whole_forecast():
     # The default members, with and without physics.
     model = tg.fit(room(samples=200), "tite")
     for plan in (None, {"u_heat": 1000.0}):
@@ -387,7 +384,7 @@ def test_scenarios_of_a_bank_are_those_of_its_whole_forecast() -> None:
         assert np.median(steps) < 0.2 * fan["sd"].median(), "a path goes on from where it is"
 
 
-def test_what_the_model_does_not_know_is_listed_with_a_remedy() -> None:
+def test_what_the_model_does_not_know_is_listed_with_a_remedy():
     table = room(samples=600)
     with pytest.warns(UserWarning, match="the table: u_heat is 0 W all the time"):
         model = tg.fit(table.assign(u_heat=0.0), "tite", **FEW)
@@ -397,7 +394,7 @@ def test_what_the_model_does_not_know_is_listed_with_a_remedy() -> None:
     assert "see model.findings" in repr(model)
 
 
-def test_skill_has_one_row_for_every_horizon(model: tg.Model) -> None:
+def test_skill_has_one_row_for_every_horizon(model):
     found = model.skill()
     assert list(found.index) == ["1 step", "1h", "6h", "24h"]
     assert found.loc["1 step", "forecasts"] == 59
@@ -414,7 +411,7 @@ def test_skill_has_one_row_for_every_horizon(model: tg.Model) -> None:
     assert list(hourly.skill(days=1).index) == ["1 step", "6h", "24h"]
 
 
-def test_the_weights_of_a_bank() -> None:
+def test_the_weights_of_a_bank():
     members = {"filter": {"estimator": "ekf"}, "box": {"estimator": "arx"}}
     model = tg.fit(room(), "tite", estimator="bank", estimator_options={"members": members})
     weights = model.weights
@@ -423,14 +420,14 @@ def test_the_weights_of_a_bank() -> None:
     assert len(tg.fit(room(samples=10), "tite", **FEW).weights) == 0
 
 
-def test_a_room_with_two_thermometers_has_pairs_as_columns() -> None:
+def test_a_room_with_two_thermometers_has_pairs_as_columns():
     model = tg.fit(room().assign(T_e=lambda table: table["T_i"] - 2.0), TWO_SENSORS, **FEW)
     assert ("T_e", "lower_0.95") in model.forecast(horizon="1h").columns
     assert model.predictions["T_e"]["residual"].abs().max() < 5.0
     assert model.predictions["T_i"].columns.tolist()[0] == "y"
 
 
-def test_a_slow_fit_shows_its_progress(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_slow_fit_shows_its_progress(capsys, monkeypatch):
     tg.fit(room(samples=10), "tite", **FEW)
     assert "fit" not in capsys.readouterr().err
     monkeypatch.setattr("service.recordings.progress.SLOW", 0.0)
@@ -440,11 +437,11 @@ def test_a_slow_fit_shows_its_progress(capsys: pytest.CaptureFixture[str], monke
     assert capsys.readouterr().err == ""
 
 
-def fit(change: Callable[[Any], Any] = lambda table: table, network: Any = "tite", **arguments: Any) -> Any:
+def fit(change=lambda table: table, network="tite", **arguments):
     return lambda: tg.fit(change(room(samples=20)), network, **{**FEW, **arguments})
 
 
-def with_text(table: Any) -> Any:
+def with_text(table):
     return table.astype(object).assign(T_out=["4", "n/a", *table["T_out"].iloc[2:]])
 
 
@@ -473,18 +470,18 @@ def with_text(table: Any) -> Any:
         (lambda: tg.fit(SPRING.iloc[12:18], "tite", tz=BERLIN, period="10min", **FEW), "skips every time"),
     ],
 )
-def test_a_mistake_is_one_sentence(call: Callable[[], Any], sentence: str) -> None:
+def test_a_mistake_is_one_sentence(call, sentence):
     with pytest.raises(tg.ServiceError, match=sentence) as told:
         call()
     assert len(str(told.value).splitlines()) == 1
 
 
-def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
+def test_numbers_of_numpy_are_numbers(tmp_path):
     own = {"period": 600, "seed": 3, "max_gap": 4, "hold_inputs": 3600, "levels": [0.5, 0.75]}
     numpy = {name: np.int64(value) for name, value in own.items() if name != "levels"}
     numpy |= {"max_gap": np.array(4), "levels": np.array([0.5, 0.75], dtype=np.float32)}
 
-    def fitted(settings: dict[str, Any], whole: Any, listed: Any) -> tg.Model:
+    def fitted(settings, whole, listed):
         network = {"preset": "tite", "parameters": {"C_i": {"value": whole(2_000_000)}}}
         columns = {"u_heat": {"scale": whole(2), "valid": listed([0, 5000])}}
         options = {"estimator": "mkf", "estimator_options": {"particles": whole(16)}}
@@ -504,14 +501,14 @@ def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "levels", [None, ["a"], [None], [[0.5]], [], 0.9, "0.9", [True], [95], [np.nan], np.array(0.5)]
 )
-def test_levels_that_are_none_are_refused_in_one_sentence(levels: Any, model: tg.Model) -> None:
+def test_levels_that_are_none_are_refused_in_one_sentence(levels, model):
     for call in (model.forecast, model.parameters, model.time_constants, model.heat_loss):
         with pytest.raises(tg.DataError, match="levels must be a list of numbers between 0 and 1"):
             call(levels=levels)
 
 
 @pytest.mark.parametrize("days", [[7], "7", None, True, 2])
-def test_days_that_are_not_scored_are_refused_in_one_sentence(days: Any, model: tg.Model) -> None:
+def test_days_that_are_not_scored_are_refused_in_one_sentence(days, model):
     with pytest.raises(tg.DataError, match="days must be one of 1, 7, 30, not"):
         model.skill(days)
 
@@ -527,12 +524,12 @@ def test_days_that_are_not_scored_are_refused_in_one_sentence(days: Any, model: 
         (room(samples=6)[["u_heat"]], "1h", 'the plan\'s "u_heat" has no value between 2025-01-10 10:00:00'),
     ],
 )
-def test_a_mistake_in_a_plan_is_one_sentence(plan: Any, horizon: Any, sentence: str, model: tg.Model) -> None:
+def test_a_mistake_in_a_plan_is_one_sentence(plan, horizon, sentence, model):
     with pytest.raises(tg.DataError, match=sentence):
         model.forecast(plan, horizon)
 
 
-def test_what_an_estimator_does_not_have_is_said(model: tg.Model) -> None:
+def test_what_an_estimator_does_not_have_is_said(model):
     assert model.scenarios(count=3).shape == (145, 3)
     black_box = tg.fit(room(), "tite", estimator="arx")
     with pytest.raises(tg.DataError, match="the estimator arx has no parameters of a building"):
@@ -542,7 +539,7 @@ def test_what_an_estimator_does_not_have_is_said(model: tg.Model) -> None:
     assert black_box.volatility.shape == (60, 0)
 
 
-def test_a_meter_of_energy_becomes_power_and_is_not_planned(model: tg.Model) -> None:
+def test_a_meter_of_energy_becomes_power_and_is_not_planned(model):
     table = room()
     counted = table["u_heat"].shift(fill_value=0.0).cumsum() / 6000.0
     meter = table.drop(columns="u_heat").assign(meter=counted)
@@ -552,7 +549,7 @@ def test_a_meter_of_energy_becomes_power_and_is_not_planned(model: tg.Model) -> 
         found.forecast({"meter": 1.0})
 
 
-def test_it_is_imported_quickly_and_says_how_to_install_pandas(tmp_path: Path) -> None:
+def test_it_is_imported_quickly_and_says_how_to_install_pandas(tmp_path):
     code = (
         "import os, sys, thermogate as tg\n"
         "print('numba' in sys.modules, 'pandas' in sys.modules, 'NUMBA_CACHE_DIR' in os.environ, 'fit' in dir(tg))\n"

@@ -2,7 +2,6 @@
 
 import json
 from contextlib import nullcontext
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,11 +16,11 @@ from service.cli.main import main
 FIELDS = {"y": "y", "mean": "mean", "lower_0.95": "lower", "upper_0.95": "upper", "sd": "sd", "residual": "residual"}
 
 
-def numbers(rows: list[dict[str, str]], name: str) -> np.ndarray:
+def numbers(rows, name):
     return np.array([float(row[name] or "nan") for row in rows])
 
 
-def assert_the_same(model: tg.Model, updates: list, parameters: list, summary: dict[str, Any]) -> None:
+def assert_the_same(model, updates, parameters, summary):
     found = model.predictions
     assert [when.strftime("%Y-%m-%dT%H:%M:%SZ") for when in found.index.tz_convert("UTC")] == [
         row["time"] for row in updates
@@ -47,7 +46,7 @@ def assert_the_same(model: tg.Model, updates: list, parameters: list, summary: d
             assert skill.loc[name, score] == pytest.approx(one[score] or np.nan, rel=0, abs=0, nan_ok=True)
 
 
-def test_a_raw_log_with_a_gap_missing_cells_and_late_rows(tmp_path: Path) -> None:
+def test_a_raw_log_with_a_gap_missing_cells_and_late_rows(tmp_path):
     """Its times are local, and its heating is the sum of five columns."""
     settings: dict[str, object] = {"zones.0.estimator_options.particles": 64, "zones.0.seed": 0}
     assert main(["replay", str(EXAMPLES / "ecolar.toml"), "--out", str(tmp_path), *overrides(settings)]) == 0

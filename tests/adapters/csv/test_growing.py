@@ -1,7 +1,5 @@
 """A recording that somebody else goes on writing."""
 
-from pathlib import Path
-
 import pytest
 from support.sources import recording
 
@@ -11,11 +9,11 @@ from adapters.errors import SourceUnavailable
 HEAD = b"time,T\n"
 
 
-def row(minute: int, value: float) -> bytes:
+def row(minute, value):
     return f"2025-01-01T00:{minute:02d}:00Z,{value}\n".encode()
 
 
-def test_only_whole_lines_count_and_each_once(tmp_path: Path) -> None:
+def test_only_whole_lines_count_and_each_once(tmp_path):
     path = tmp_path / "log.csv"
     path.write_bytes(HEAD + row(0, 20) + row(1, 21)[:-3])
     growing = GrowingFile(path)
@@ -27,7 +25,7 @@ def test_only_whole_lines_count_and_each_once(tmp_path: Path) -> None:
     assert growing.piece() is None
 
 
-def test_a_file_that_is_begun_anew_is_read_from_its_beginning(tmp_path: Path) -> None:
+def test_a_file_that_is_begun_anew_is_read_from_its_beginning(tmp_path):
     path = tmp_path / "log.csv"
     path.write_bytes(HEAD + row(0, 20) + row(1, 21))
     growing = GrowingFile(path)
@@ -42,7 +40,7 @@ def test_a_file_that_is_begun_anew_is_read_from_its_beginning(tmp_path: Path) ->
         growing.piece()
 
 
-async def test_a_followed_source_delivers_what_is_appended_and_ends_when_it_is_closed(tmp_path: Path) -> None:
+async def test_a_followed_source_delivers_what_is_appended_and_ends_when_it_is_closed(tmp_path):
     first, last = tmp_path / "old.csv", tmp_path / "log.csv"
     first.write_bytes(HEAD + row(0, 20))
     last.write_bytes(HEAD + row(1, 21))

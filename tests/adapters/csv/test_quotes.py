@@ -2,23 +2,22 @@
 
 import gzip
 import tracemalloc
-from pathlib import Path
 
 import pytest
 
 from adapters.csv.config import LayoutConfig
-from adapters.csv.table import CsvChannel, Table, read_table
+from adapters.csv.table import CsvChannel, read_table
 from adapters.errors import SourceUnavailable
 
 ROWS = [f"2025-01-01T00:{minute:02}:00Z,{20 + minute}" for minute in range(50)]
 
 
-def table(path: Path, text: str, delimiter: str = ",") -> Table:
+def table(path, text, delimiter=","):
     path.write_text(text)
     return read_table(path, [CsvChannel("z/T", ("T",))], LayoutConfig(timestamp={"column": "t"}, delimiter=delimiter))
 
 
-def quoted(*places: int) -> list[str]:
+def quoted(*places):
     """Rows with a quote before the values of some of them."""
     return [row.replace(",", ',"') if place in places else row for place, row in enumerate(ROWS)]
 
@@ -35,12 +34,12 @@ def quoted(*places: int) -> list[str]:
     ],
     ids=["not closed", "before the time", "after a blank", "far from each other", "over lines", "an inch"],
 )
-def test_a_quote_costs_no_row(tmp_path: Path, rows: list[str], head: str, delimiter: str) -> None:
+def test_a_quote_costs_no_row(tmp_path, rows, head, delimiter):
     found = table(tmp_path / "a.csv", "\n".join([head, *rows]) + "\n", delimiter)
     assert found.values[0].tolist() == [20.0 + minute for minute in range(50)]
 
 
-def test_a_line_without_an_end_is_refused_before_it_is_read(tmp_path: Path) -> None:
+def test_a_line_without_an_end_is_refused_before_it_is_read(tmp_path):
     path = tmp_path / "giant.csv.gz"
     with gzip.open(path, "wb", compresslevel=1) as file:
         file.write(b"t,T\n")

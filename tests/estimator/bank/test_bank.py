@@ -442,7 +442,7 @@ def test_options_of_a_member_name_the_member():
         small_bank(members={"a": {"estimator": "mkf", "network": ["own"]}})
 
 
-def test_sun_and_habits_are_told_whatever_the_member_weighs_that_knows_them() -> None:
+def test_sun_and_habits_are_told_whatever_the_member_weighs_that_knows_them():
     known = with_known_heat(automatic(("T_i", "T_out", "u_heat")), habits=True)
     knowing = {"estimator": "mkf", "preset": "habits-slow", "prior": 1e-6}
     members = {"knowing": knowing, "ekf": {"estimator": "ekf", "network": "bare"}}
@@ -464,7 +464,7 @@ def test_sun_and_habits_are_told_whatever_the_member_weighs_that_knows_them() ->
     assert shares[0] / shares.sum() < 1e-6
 
 
-def test_unmeasured_heat_is_told_with_that_of_habits_by_a_member_that_plans_names() -> None:
+def test_unmeasured_heat_is_told_with_that_of_habits_by_a_member_that_plans_names():
     """By the draws of its own Gaussians; noise of the sensor by the first member."""
     known = with_known_heat(automatic(("T_i", "T_out", "u_heat")), habits=True)
     members = {

@@ -5,8 +5,6 @@ import io
 import math
 import re
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +28,7 @@ TABLE = Table(
 )
 
 
-def test_a_spread_is_mean_and_sample_deviation() -> None:
+def test_a_spread_is_mean_and_sample_deviation():
     assert spread([1.0, 2.0, 3.0]) == Spread(2.0, 1.0)
     assert math.isnan(spread([4.0]).sd)
     assert str(spread([4.0])) == "4.00"
@@ -41,11 +39,11 @@ def test_a_spread_is_mean_and_sample_deviation() -> None:
     ("value", "shown"),
     [(0.0, "0.00"), (0.7719, "0.772"), (12.34, "12.3"), (22176.0, "22176"), (1.5e-5, "1.50e-05"), (math.nan, "–")],
 )
-def test_numbers_have_three_digits(value: float, shown: str) -> None:
+def test_numbers_have_three_digits(value, shown):
     assert number(value) == shown
 
 
-def test_csv_has_every_digit_and_a_column_for_deviations() -> None:
+def test_csv_has_every_digit_and_a_column_for_deviations():
     assert list(csv.reader(io.StringIO(TABLE.csv()))) == [
         ["estimator", "RMSE, K", "RMSE, K (sd)", "runs"],
         ["a | b", "2.0", "1.0", "3"],
@@ -54,33 +52,31 @@ def test_csv_has_every_digit_and_a_column_for_deviations() -> None:
     ]
 
 
-def test_html_escapes_what_would_break_it() -> None:
+def test_html_escapes_what_would_break_it():
     assert "Scores &lt;of&gt; all" in TABLE.html()
     assert TABLE.html().count("class='quoted'") == 1
     assert "<td class='text'>&lt;none&gt;</td>" in TABLE.html()
     assert "A <code>note</code>." in TABLE.html()
 
 
-def test_code_is_marked_and_numbers_align_right_whatever_their_decimal_sign() -> None:
+def test_code_is_marked_and_numbers_align_right_whatever_their_decimal_sign():
     page = Table("t", ("what", "share"), (("do `x`", "+7,5 %"), ("y", "–"))).html()
     assert "<td class='text'>do <code>x</code></td><td>+7,5 %</td>" in page
 
 
-def test_a_row_of_another_length_is_refused() -> None:
+def test_a_row_of_another_length_is_refused():
     with pytest.raises(ValueError, match="a row of 1 cells under 2 columns"):
         Table("t", ("a", "b"), ((1,),))
 
 
 @tabled
-def test_verdicts_follow_the_mean_over_seeds(
-    wanted: list[Any], values: list[float], met: bool | None, off: str
-) -> None:
+def test_verdicts_follow_the_mean_over_seeds(wanted, values, met, off):
     kind, *limits = wanted
     (row,) = verdict_table([getattr(verdict, kind)(*limits).judge("x", values)]).rows
     assert row[-2:] == ({True: "met", False: "missed", None: "open"}[met], off)
 
 
-def test_a_report_is_one_page_without_any_outside_address(tmp_path: Path) -> None:
+def test_a_report_is_one_page_without_any_outside_address(tmp_path):
     line = Line("T", "ink", np.array([1.0, 2.0]), np.array([3.0, 4.0]))
     plot = Plot("line", Chart([Panel([line])], "h"), title="A line", reading="It rises in `x`.")
     section = Section("First", ("Text with `code` & more.", "```\na = 1\n```"), (TABLE,), (plot,))
@@ -95,13 +91,13 @@ def test_a_report_is_one_page_without_any_outside_address(tmp_path: Path) -> Non
     assert "A &lt;title&gt;" in body
 
 
-def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ReplayError, match=r"--out .*file.*; choose another folder"):
         write_report(Report("T", (), ()), tmp_path / "file" / "out")
 
 
-def test_the_words_of_a_report_are_a_document_with_figures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_words_of_a_report_are_a_document_with_figures(tmp_path, monkeypatch):
     (tmp_path / "words").mkdir()
     (tmp_path / "words" / "__init__.py").write_text("")
     (tmp_path / "words" / "report.md").write_text(

@@ -13,20 +13,17 @@ from service.forecast.foresight import NO_WEATHER
 from service.forecast.request import FEWEST_DRAWS, MAX_STEPS, MOST_AT_ONCE, MOST_DRAW_STEPS, detail
 from service.records.outlook import InputOrigin, Outlook
 from service.records.record import values
-from service.zone.worker import ZoneWorker
 
 ESTIMATORS = ("rbpf", "ekf", "ukf", "mkf", "bank", "arx", "daily")
 
 
 @pytest.fixture(scope="module")
-def workers() -> dict[str, ZoneWorker]:
+def workers():
     return {name: worker_of(Room(name)) for name in ESTIMATORS}
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
-def test_a_forecast_begins_with_the_published_one_and_asking_changes_nothing(
-    workers: dict[str, ZoneWorker], name: str
-) -> None:
+def test_a_forecast_begins_with_the_published_one_and_asking_changes_nothing(workers, name):
     worker = workers[name]
     assert worker.latest is not None
     fans = [fan_of(worker, 12, {"u_heat": 500.0}, (0.95,)) for _ in range(2)]
@@ -40,7 +37,7 @@ def test_a_forecast_begins_with_the_published_one_and_asking_changes_nothing(
         np.testing.assert_array_equal(left, right)
 
 
-def test_all_particles_count_as_long_as_there_is_room_for_them() -> None:
+def test_all_particles_count_as_long_as_there_is_room_for_them():
     day = 289
     for few in ([day], [day] * 11):
         assert detail(few).draws > 9000, "the particles of a zone by default"
@@ -50,7 +47,7 @@ def test_all_particles_count_as_long_as_there_is_room_for_them() -> None:
     assert detail([]).exact
 
 
-def test_fewer_draws_forecast_nearly_the_same(workers: dict[str, ZoneWorker]) -> None:
+def test_fewer_draws_forecast_nearly_the_same(workers):
     """A tenth of the particles, at even steps of their weights: within five standard errors of independent draws."""
     worker = workers["rbpf"]
     few = question(36)._replace(detail=detail([36])._replace(draws=30))
@@ -60,12 +57,12 @@ def test_fewer_draws_forecast_nearly_the_same(workers: dict[str, ZoneWorker]) ->
     assert (np.abs(left.mean - right.mean) < 5.0 * left.sd / np.sqrt(30)).all()
 
 
-def test_a_forecast_that_nobody_waits_for_is_given_up(workers: dict[str, ZoneWorker]) -> None:
+def test_a_forecast_that_nobody_waits_for_is_given_up(workers):
     with pytest.raises(ServiceError, match="nobody waits for it"):
         question(500)(workers["ekf"], NO_WEATHER, lambda: True)
 
 
-def test_scenarios_of_a_model_without_physics_are_refused(workers: dict[str, ZoneWorker]) -> None:
+def test_scenarios_of_a_model_without_physics_are_refused(workers):
     few = question(3)._replace(scenarios=5)
     with pytest.raises(NoModel, match="it knows no physics"):
         asked(workers["arx"], few)
@@ -73,14 +70,14 @@ def test_scenarios_of_a_model_without_physics_are_refused(workers: dict[str, Zon
     assert fan.outputs[0].scenarios.shape == (5, 4)
 
 
-def test_what_a_neighbour_does_is_shifted_to_when_the_forecast_begins() -> None:
+def test_what_a_neighbour_does_is_shifted_to_when_the_forecast_begins():
     worker = worker_of(Room("ekf", "ecolar-6r4c"))
     start = worker.latest.forecast.valid_time
     values = 20.0 + np.arange(6.0)
     origin = InputOrigin("T_adj", "neighbour", "next door", 0.0, Quality.GOOD)
     own = worker.latest.forecast.inputs[worker.network.inputs.index("T_adj")].value
 
-    def means(first: float, told: np.ndarray) -> np.ndarray:
+    def means(first, told):
         fan = asked(worker, question(6)._replace(neighbours={"T_adj": Neighbour(first, told, origin)}))
         assert fan.origins[worker.network.inputs.index("T_adj")] == origin
         return np.asarray(fan.outputs[0].mean)
@@ -95,11 +92,11 @@ def test_what_a_neighbour_does_is_shifted_to_when_the_forecast_begins() -> None:
 class View:
     """A zone as far as `coupled` knows it."""
 
-    def __init__(self, name: str, worker: ZoneWorker) -> None:
+    def __init__(self, name, worker):
         self.id, self.network, self.period = name, worker.network, float(worker.period)
 
 
-def test_a_room_that_is_behind_is_simulated_up_to_the_others_first() -> None:
+def test_a_room_that_is_behind_is_simulated_up_to_the_others_first():
     ahead, behind = worker_of(Room("ekf", "ecolar-6r4c", 40)), worker_of(Room("ekf", "ecolar-6r4c", 38))
     members = []
     for name, other, worker, first in (("a", "b", ahead, 10.0), ("b", "a", behind, 30.0)):
@@ -119,7 +116,7 @@ def test_a_room_that_is_behind_is_simulated_up_to_the_others_first() -> None:
     assert coupled([members[0], members[1]._replace(part=members[1].part._replace(update=old(members[1])))]) == {}
 
 
-def old(member: Member) -> object:
+def old(member):
     """The update of `member`, 13 periods earlier."""
     update, back = member.part.update, 13 * PERIOD
     forecast = update.forecast

@@ -24,7 +24,7 @@ NETWORK = with_known_heat(automatic(["T_i", "T_out", "u_heat", "I_sol"]), habits
 
 
 @pytest.fixture(scope="module")
-def worker() -> ZoneWorker:
+def worker():
     """A zone on a sunny day in June."""
     hours = calendar("Europe/Berlin", None, PLACE)
     estimator = build("mkf", NETWORK, PERIOD, {"preset": "habits"})
@@ -36,7 +36,7 @@ def worker() -> ZoneWorker:
     return found
 
 
-def test_matrices_have_the_measured_inputs_and_known_heat_beside_them(worker: ZoneWorker) -> None:
+def test_matrices_have_the_measured_inputs_and_known_heat_beside_them(worker):
     model, standing = asked(worker, ModelQuestion(3, 16, "mkf")), worker.unstalled
     assert standing is not None
     inputs = len(NETWORK.inputs)
@@ -55,7 +55,7 @@ def test_matrices_have_the_measured_inputs_and_known_heat_beside_them(worker: Zo
     assert np.abs(model.known_heat).max() > 0.0
 
 
-def test_heat_of_people_is_what_nobody_measured_and_counts_habits_once(worker: ZoneWorker) -> None:
+def test_heat_of_people_is_what_nobody_measured_and_counts_habits_once(worker):
     gain = worker.latest.disturbance.gain
     times = worker.latest.time + PERIOD * np.arange(144.0)
     inputs = np.tile([15.0, 300.0, 0.0], (144, 1))
@@ -68,14 +68,14 @@ def test_heat_of_people_is_what_nobody_measured_and_counts_habits_once(worker: Z
     assert 0.0 < habits.mean() < 400.0
 
 
-def test_a_simulation_step_by_step_is_driven_as_a_plan_is(worker: ZoneWorker) -> None:
+def test_a_simulation_step_by_step_is_driven_as_a_plan_is(worker):
     standing = worker.unstalled
     drawn = worker.estimator.draws(standing.state, 8)
     assert drawn is not None
     models, first = of_draws(drawn, PERIOD, 1), float(standing.update.forecast.valid_time)
     rows = foresee(worker, standing, 12).rows
 
-    def driving(step: int, inputs: np.ndarray) -> np.ndarray:
+    def driving(step, inputs):
         return worker.loop.driving(np.array([first + PERIOD * step]), inputs[None])[0]
 
     simulation = Simulation(models, driving)
