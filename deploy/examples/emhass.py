@@ -63,7 +63,10 @@ def one_mass(rise: Array, shares: Array, step: float) -> tuple[float, float]:
 def handed_on(
     ask: Ask, zone: str, heater: str, power: float, low: float, high: float, step: int = 30
 ) -> dict[str, Any]:
-    """What EMHASS is told of `zone` for a day in steps of `step` min; ValueError where its forecasts are no use."""
+    """What EMHASS is told of `zone` for a day in steps of `step` min; ValueError where its forecasts are no use, or
+    `low` lies above `high`."""
+    if low > high:
+        raise ValueError(f"the lowest temperature, {low:g} degC, lies above the highest, {high:g} degC; swap them")
     trust = ask("GET", f"/zones/{zone}/trust", None)["horizons"][-1]
     if trust["planned"] in ("learning", "untrusted"):
         raise ValueError(f"forecasts of zone '{zone}' a day ahead are {trust['planned']}: {trust['reason']}")

@@ -11,6 +11,10 @@ from estimator.thermostat.thermostat import Thermostat
 _WINDOW = 6 * 3600
 _LONG = 2 * 3600
 """s of the window that must be against the law: a boiler may heat water first, a slab gives heat long after."""
+_REMEDIES = {
+    "heat": "check whether boiler or pump are off, a valve is stuck or the meter has failed",
+    "cold": "check whether cooling unit or pump are off, a valve is stuck or the meter has failed",
+}
 
 
 def disobedience(network: Network, thermostat: Thermostat) -> list[Finding]:
@@ -33,7 +37,7 @@ def disobedience(network: Network, thermostat: Thermostat) -> list[Finding]:
             sentence = (
                 f"the set-point called for {kind} for {amount(called.sum() * length / 3600.0)} of the last "
                 f"{_WINDOW // 3600} h, and {channel} gave {amount(heat[called].mean())} W instead of "
-                f"{amount(power)} W; check whether boiler or pump are off, a valve is stuck or the meter has failed"
+                f"{amount(power)} W; {_REMEDIES[kind]}"
             )
             findings.append(Finding(CALLS_WITHOUT_HEAT, channel, sentence))
         # The heat of a meter of several zones may be that of others.

@@ -1,6 +1,7 @@
 """Questions about a zone's heating, each answered from one state by the futures that run the thermostat
 (`estimator.thermostat.live`): when to start, what it will take, what another plan changes."""
 
+import re
 from collections.abc import Callable, Sequence
 from datetime import datetime, time, timedelta, tzinfo
 from typing import NamedTuple, Self
@@ -34,6 +35,8 @@ _SWING = 2 * 3600.0
 """s in which a room is warm once under a thermostat that lets it swing around its set-point."""
 _LEVELS = np.array([0.025, 0.975])
 _HOUR = 3600.0
+_CLOCK = re.compile(r"[0-9]{2}:[0-9]{2}(:[0-9]{2})?")
+"""ISO 8601 takes a year, 2026, for 20:26 as well."""
 _PAIRED = 4000
 """Sums of zones that are drawn for the interval of their total."""
 
@@ -50,10 +53,10 @@ def moment(text: str, start: float, local: tzinfo) -> float:
     """UTC s of `text`, which is RFC 3339 or the next such time of day after UTC s `start` in the time zone `local`;
     PlanError for another text."""
     try:
-        clock = time.fromisoformat(text)
+        clock = time.fromisoformat(text) if _CLOCK.fullmatch(text) else None
     except ValueError:
         clock = None
-    if clock is not None and clock.tzinfo is None:
+    if clock is not None:
         today = datetime.combine(utc(start).astimezone(local).date(), clock, local)
         # Where the clocks are put back, a time comes twice in a day.
         return next(

@@ -1,6 +1,7 @@
 """What a plan may say of an input in JSON, for one zone and for many."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
@@ -28,7 +29,7 @@ class SteppedValues(BaseModel, extra="forbid"):
     values: Annotated[list[Finite], Field(min_length=1, max_length=MAX_STEPS)]
 
 
-def _planned(value: object, read: ValidatorFunctionWrapHandler) -> Values:
+def _planned(value: object, read: ValidatorFunctionWrapHandler, *, unit: str) -> Values:
     """As the grammar of plans has it; one sentence where it is no plan, for every arm of the union would complain."""
     if isinstance(value, list) and len(value) > MAX_STEPS:
         raise ValueError(f"at most {MAX_STEPS} values of an input, not {len(value)}")
@@ -37,10 +38,7 @@ def _planned(value: object, read: ValidatorFunctionWrapHandler) -> Values:
     except ValidationError as error:
         # A mistake inside a value is worth more than that none of the forms fits.
         told = next((one["msg"] for one in error.errors() if one["type"] == "value_error"), None)
-        forms = (
-            "give a finite number, one number per period, a list of {time, value}, or {step, values}, in the network's "
-            "unit"
-        )
+        forms = f"give a finite number, one number per period, a list of {{time, value}}, or {{step, values}}{unit}"
         raise ValueError(forms if told is None else f"{told.removeprefix('Value error, ')}; {forms}") from None
     if isinstance(found, SteppedValues):
         return Stepped(found.step, np.array(found.values))
@@ -53,14 +51,16 @@ def _planned(value: object, read: ValidatorFunctionWrapHandler) -> Values:
 
 if TYPE_CHECKING:
     PlannedInput = Values
+    PlannedPrice = Values
 else:
-    PlannedInput = Annotated[
+    _Forms = (
         Finite
         | Annotated[list[Finite], Field(max_length=MAX_STEPS)]
         | Annotated[list[TimedValue], Field(min_length=1, max_length=MAX_STEPS)]
-        | SteppedValues,
-        WrapValidator(_planned),
-    ]
+        | SteppedValues
+    )
+    PlannedInput = Annotated[_Forms, WrapValidator(partial(_planned, unit=", in the network's unit"))]
+    PlannedPrice = Annotated[_Forms, WrapValidator(partial(_planned, unit=""))]
 
 
 class ForecastRequest(

@@ -85,10 +85,10 @@ def test_without_heating_it_foresees_what_thermogate_does_and_with_it_nearly(exa
 
 @tabled
 def test_what_cannot_be_handed_on_is_one_sentence(
-    example: ModuleType, asking: Any, trust: str, step: int, sentence: str
+    example: ModuleType, asking: Any, trust: str, low: float, step: int, sentence: str
 ) -> None:
     with pytest.raises(ValueError, match=sentence):
-        example.handed_on(asking({86400: trust}), "office", "u_heat", POWER, LOW, HIGH, step)
+        example.handed_on(asking({86400: trust}), "office", "u_heat", POWER, low, HIGH, step)
 
 
 @pytest.mark.skipif(not EMHASS.exists(), reason="EMHASS is not installed; THERMOGATE_EMHASS names its interpreter")

@@ -29,7 +29,7 @@ from service.records.view import Answer, Question, ZoneView
 from service.web.access import Asking, find_zone
 from service.web.answering import asked, newest, route
 from service.web.models import Finite, Horizon
-from service.web.planned import PlannedInput, named_apart
+from service.web.planned import PlannedInput, PlannedPrice, named_apart
 from service.web.problems import invalid
 from service.web.server.refusal import RequestRefused
 from service.web.site import Asked, Here
@@ -67,7 +67,7 @@ class WhatIfBody(BaseModel, extra="forbid", strict=True):
     plans: Annotated[list[CourseBody], AfterValidator(named_apart)] = Field(
         min_length=2, max_length=20, description="each other one is compared with the first"
     )
-    price: PlannedInput | None = Field(default=None, description="of a kWh, in any currency, as inputs are planned")
+    price: PlannedPrice | None = Field(default=None, description="of a kWh, in any currency, as inputs are planned")
 
 
 router = APIRouter(tags=["heating"])

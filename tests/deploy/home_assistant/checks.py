@@ -255,12 +255,20 @@ async def test_a_room_with_forecasts(hass: HomeAssistant) -> None:
     assert len(forecast) == 13
     assert forecast[-1]["lower"] < forecast[-1]["mean"] < forecast[-1]["upper"]
     assert forecast[-1]["mean"] > (await ask("forecast", horizon=2, setpoint=16))["forecast"][-1]["mean"]
-    by = dt.utcnow() + timedelta(hours=8)
+    # Home Assistant's clock counts, which the daemon does not know.
+    assert dt.now().utcoffset()
+    by = (dt.now() + timedelta(hours=8)).replace(second=0, microsecond=0)
     early = await ask("preheat", target=22, by=by.strftime("%H:%M"))
-    assert early["target"] == 22
+    assert (early["target"], dt.parse_datetime(early["by"])) == (22, by)
     assert early["energy"]["mean"] > 0
     cheaper = await ask("what_if", setpoints=[22, 18], horizon=6, price=0.3)
-    assert cheaper["differences"][0]["cost"]["mean"] < 0
+    (difference,) = cheaper["differences"]
+    assert all(difference[name]["mean"] < difference[name]["upper"] < 0 for name in ("energy", "cost"))
+    assert difference["hours_below"]["mean"] > 0
+    demand = await ask("demand", horizon=6, setpoint=22)
+    assert demand["total"] == pytest.approx(cheaper["plans"][0]["energy"])
+    assert sum(hour["energy"]["mean"] for hour in demand["hours"]) == pytest.approx(demand["total"]["mean"])
+    assert not (await ask("demand"))["planned"]
     with pytest.raises(ServiceValidationError, match="target"):
         await ask("preheat", target=80, by="07:00")
     with pytest.raises(ServiceValidationError, match="no room"):

@@ -64,6 +64,14 @@ def test_a_thermostat_that_is_not_obeyed_is_a_finding_with_its_remedy(more, name
     assert all(each in finding.sentence for each in words)
 
 
+def test_a_cooler_that_gives_nothing_has_no_boiler():
+    (finding,) = disobedience(
+        HOUSE, told([(setpoint, 40.0 - temperature, -heat) for setpoint, temperature, heat in BEFORE + OFF])
+    )
+    assert "called for cold for 6 of the last 6 h" in finding.sentence
+    assert "check whether cooling unit or pump are off" in finding.sentence
+
+
 def test_a_boiler_that_was_off_for_an_hour_is_no_finding():
     assert found(OFF[:6]) == []
 

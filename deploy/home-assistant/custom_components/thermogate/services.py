@@ -1,4 +1,4 @@
-"""Questions to a zone: its forecast, when to start heating, and what other set-points change."""
+"""Questions to a zone: its forecast, when to start heating, the energy to come, and what other set-points change."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from homeassistant.core import HomeAssistant, ServiceCall, SupportsResponse
 from homeassistant.exceptions import HomeAssistantError, ServiceValidationError
 from homeassistant.helpers import config_validation as cv
 from homeassistant.helpers import device_registry
+from homeassistant.util import dt as dt_util
 from homeassistant.util.unit_conversion import TemperatureConverter
 
 from .client import Client, DaemonError, Refused
@@ -20,6 +21,7 @@ from .coordinator import DOMAIN, Coordinator
 _NUMBER = vol.Coerce(float)
 _ROOM = {vol.Required("device_id"): cv.string}
 _HORIZON = {vol.Optional("horizon", default=24): vol.All(vol.Coerce(int), vol.Range(1, 48))}
+_SETPOINT = {vol.Optional("setpoint"): _NUMBER}
 
 Answer = dict[str, Any]
 
@@ -60,13 +62,22 @@ async def _preheat(client: Client, zone: str, given: Answer, units: _Units) -> A
     by: time = given["by"]
     asked = {
         "target": units.asked(given["target"]),
-        "by": by.strftime("%H:%M"),
+        # A daemon may know no time zone, or another one.
+        "by": dt_util.find_next_time_expression_time(dt_util.now(), [by.second], [by.minute], [by.hour]).isoformat(),
         "probability": given["probability"],
     }
     found = await client.ask("GET", f"/zones/{zone}/preheat", params=asked)
     told = {name: found[name] for name in ("trust", "by", "start", "minutes", "probability", "reached", "energy")}
     temperature = {name: units.told(value) for name, value in found["temperature"].items()}
     return told | {"target": given["target"], "temperature": temperature}
+
+
+async def _demand(client: Client, zone: str, given: Answer, units: _Units) -> Answer:
+    body: Answer = {"horizon": f"{given['horizon']}h"}
+    if "setpoint" in given:
+        body["T_set"] = units.asked(given["setpoint"])
+    found = await client.ask("POST", f"/zones/{zone}/demand", body)
+    return {name: found[name] for name in ("trust", "planned", "total", "hours")}
 
 
 async def _what_if(client: Client, zone: str, given: Answer, units: _Units) -> Answer:
@@ -81,7 +92,8 @@ async def _what_if(client: Client, zone: str, given: Answer, units: _Units) -> A
 Asked = Callable[[Client, str, Answer, _Units], Awaitable[Answer]]
 
 _SERVICES: dict[str, tuple[Asked, dict[vol.Marker, Any]]] = {
-    "forecast": (_forecast, _ROOM | _HORIZON | {vol.Optional("setpoint"): _NUMBER}),
+    "forecast": (_forecast, _ROOM | _HORIZON | _SETPOINT),
+    "demand": (_demand, _ROOM | _HORIZON | _SETPOINT),
     "preheat": (
         _preheat,
         _ROOM
