@@ -2,6 +2,7 @@
 
 import { Refused, get, post, zonePath } from "./api.js";
 import { element, paced } from "./dom.js";
+import { changeTold, demandTold } from "./energy.js";
 import { planEditor } from "./plan_editor.js";
 import { chartClock, chartConfig, colour, fanRange, layout, legend, line, loadPlotly } from "./plotting.js";
 import { celsius, duration, t, unitText } from "./text.js";
@@ -25,7 +26,8 @@ const WARMEST = 30;
 export function nextHours(id, zone, failed) {
   const plot = element("div", { className: "plot fan", role: "img", tabIndex: -1 });
   const lines = element("ul", { className: "legend muted", "aria-label": t("chart.lines") });
-  const result = element("p", { role: "status", className: "result" });
+  const [result, change] = [0, 1].map(() => element("p", { role: "status", className: "result" }));
+  const demand = element("p", { className: "result" });
   const origins = element("ul", { className: "origins muted", "aria-label": t("origin.title") });
   const planPlace = element("div");
   const heating = zone.channels.filter(({ role, unit }) => role === "input" && unit === "W");
@@ -42,6 +44,7 @@ export function nextHours(id, zone, failed) {
   let channel = heating[0];
   let asked = null;
   let edges = [];
+  const ended = new AbortController();
   const choice = element("select", { "aria-label": t("plan.channel") });
   function offer() {
     choice.replaceChildren(...heating.map((one) => element("option", { value: one.channel, textContent: channelText(one.channel), selected: one === channel })));
@@ -50,14 +53,10 @@ export function nextHours(id, zone, failed) {
   offer();
   choice.addEventListener("change", () => {
     channel = heating.find((one) => one.channel === choice.value);
-    asked?.abort();
-    askPaced.cancel();
-    planned = null;
     if (held) edit();
-    draw();
-    failed(null);
+    forget();
   });
-  const node = element("section", { className: "card" }, element("h2", { textContent: t("fan.title", { hours: duration((steps * period) / 1000) }) }), plot, lines, result, origins, choice, planPlace);
+  const node = element("section", { className: "card" }, element("h2", { textContent: t("fan.title", { hours: duration((steps * period) / 1000) }) }), plot, lines, result, demand, origins, choice, planPlace, change);
 
   // The fan with everything held, which a newer sample has changed.
   const renew = paced(async () => {
@@ -71,16 +70,32 @@ export function nextHours(id, zone, failed) {
         editor.move(edges, valueNow());
       }
       if (editor?.planned) await ask(editor.planned);
-      else {
-        planned = null;
-        await draw();
-        failed(null);
-      }
+      else await forget();
+      await call();
     } catch (error) {
-      if (error instanceof Refused && error.status === 503) result.textContent = t("fan.none");
+      if (error instanceof Refused && error.status === 503) none();
       else if (error.name !== "AbortError") failed(error);
     }
   }, RENEW_MS);
+
+  function none() {
+    result.textContent = t("fan.none");
+    demand.replaceChildren();
+  }
+
+  // There is no plan, or none any more.
+  async function forget() {
+    asked?.abort();
+    askPaced.cancel();
+    planned = null;
+    await draw();
+    failed(null);
+  }
+
+  // What the thermostat will call for, once its law is known.
+  async function call() {
+    if (heating.includes(SET_POINT)) demand.replaceChildren(await demandTold(id, horizon, ended.signal));
+  }
 
   function heldQuery() {
     return new URLSearchParams([["horizon", horizon], ...LEVELS.map((level) => ["level", level])]);
@@ -120,13 +135,8 @@ export function nextHours(id, zone, failed) {
       most: past.reduce((a, b) => Math.max(a, b), now),
       ...(channel === SET_POINT ? { least: COOLEST, most: WARMEST, grain: 0.5 } : {}),
       changed(values) {
-        if (values === null) {
-          asked?.abort();
-          askPaced.cancel();
-          planned = null;
-          draw();
-          failed(null);
-        } else askSoon(values);
+        if (values === null) forget();
+        else askSoon(values);
       },
     });
     planPlace.append(editor.node);
@@ -157,18 +167,20 @@ export function nextHours(id, zone, failed) {
       // A sample has come meanwhile: both fans begin where the newer one does.
       if (planned.valid_time !== held.valid_time) held = await get(`${zonePath(id)}/forecast?${heldQuery()}`, own.signal);
       if (own === asked) await draw();
+      if (channel === SET_POINT) change.replaceChildren(await changeTold(id, horizon, perStep, start + 2 * steps * period, own.signal));
       failed(null);
     } catch (error) {
       if (error.name === "AbortError") return;
       // What was forecast under other bars must not stand beside these.
       planned = null;
       await draw();
-      if (error instanceof Refused && error.status === 503) result.textContent = t("fan.none");
+      if (error instanceof Refused && error.status === 503) none();
       else failed(error);
     }
   }
 
   async function draw() {
+    if (!planned) change.replaceChildren();
     if (!held || !node.isConnected) return;
     const shown = planned ?? held;
     const start = Date.parse(held.valid_time);
@@ -210,6 +222,7 @@ export function nextHours(id, zone, failed) {
       if (heating.includes(SET_POINT) || zone.channels.some((one) => one.channel === SET_POINT.channel)) return;
       heating.push(SET_POINT);
       offer();
+      if (held) call().catch(failed);
     },
     // There is a sample up to `time`.
     sample(time) {
@@ -219,6 +232,7 @@ export function nextHours(id, zone, failed) {
     },
     end() {
       asked?.abort();
+      ended.abort();
       renew.cancel();
       askPaced.cancel();
       if (window.Plotly && held) window.Plotly.purge(plot);

@@ -52,6 +52,11 @@ export function number(value, digits = 0) {
   return value.toLocaleString(language, { minimumFractionDigits: digits, maximumFractionDigits: digits });
 }
 
+// The same as a difference, with its sign.
+export function signed(value, digits) {
+  return value.toLocaleString(language, { signDisplay: "exceptZero", minimumFractionDigits: digits, maximumFractionDigits: digits });
+}
+
 // With so many significant digits, as people write quantities: 178, 0.42, 3,400,000.
 export function amount(value, digits = 3) {
   if (value === null || value === undefined) return "–";
