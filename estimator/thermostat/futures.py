@@ -22,6 +22,10 @@ KindOfDay = Callable[[Array], Indices]
 """`kinds(times)`: of UTC s (h,), which kind of day each is in, as a number: working day, or weekend and holiday."""
 
 
+Offsets = Callable[[Array], Array]
+"""`offsets(times)`: how far the clocks of the site are ahead of UTC [s] at UTC s (h,), up to whole days."""
+
+
 def weekday_or_weekend(times: Array) -> Indices:
     """1 on Saturdays and Sundays of UTC, 0 otherwise."""
     # 1970 began on a Thursday.
@@ -29,10 +33,11 @@ def weekday_or_weekend(times: Array) -> Indices:
 
 
 class ToCome(NamedTuple):
-    """What is known of the days and the set-points to come."""
+    """What is known of the days and the set-points to come, and of the clocks that people live by."""
 
     kinds: KindOfDay = weekday_or_weekend
     schedule: Schedule | None = None
+    offsets: Offsets = np.zeros_like
 
 
 NOTHING_KNOWN = ToCome()
@@ -41,27 +46,32 @@ NOTHING_KNOWN = ToCome()
 def guesses(memory: Memory, now: float, times: Array, known: ToCome = NOTHING_KNOWN) -> Array:
     """(len(GUESSES), h): set-points [degC] of the intervals that begin at `times` (h,) [UTC s], ascending, if they come
     as in each of GUESSES; `now` [degC] where it is not remembered."""
-    begin = times[0] if len(times) else 0.0
     found = np.full((len(GUESSES), len(times)), now)
     if known.schedule is not None:
         found[0] = known.schedule(times)
-    if len(memory.times):
+    if len(memory.times) and len(times):
         for row, back in ((1, DAY), (2, 7 * DAY)):
             # Beyond its length a period repeats.
-            periods = (times - begin) // back + 1.0
-            found[row] = at(memory, memory.setpoints, times - back * periods)
-        found[3] = _usual(memory, times, known.kinds)
+            then = times - back * ((times - times[0]) // back + 1.0)
+            found[row] = at(memory, memory.setpoints, then + known.offsets(times) - known.offsets(then))
+        found[3] = _usual(memory, times, known)
     return np.where(np.isnan(found), now, found)
 
 
-def _usual(memory: Memory, times: Array, kinds: KindOfDay) -> Array:
+def _usual(memory: Memory, times: Array, to_come: ToCome) -> Array:
     """(h,): the median of the fortnight's set-points at the same hour of the same kind of day; NaN without any."""
-    daily = len(memory.times) // 14
+    daily, length, clock = len(memory.times) // 14, slot(memory), to_come.offsets(times[:1])
     rows = memory.setpoints.reshape(14, daily)
     known = np.isfinite(rows)
-    of = np.where(known, kinds(np.where(known, memory.times.reshape(14, daily), 0.0).ravel()).reshape(14, daily), -1)
-    place = np.minimum(times % DAY // slot(memory), daily - 1).astype(np.int64)
-    wanted, usual = kinds(times), np.full(len(times), np.nan)
+    when = np.where(known, memory.times.reshape(14, daily), times[0])
+    of = np.where(known, to_come.kinds(when.ravel()).reshape(14, daily), -1)
+    moved = np.rint((to_come.offsets(when.ravel()) - clock) / length).astype(np.int64).reshape(14, daily)
+    if moved.any():
+        # The clocks were changed in this fortnight: each stands where it would by the clocks of now.
+        place = (np.arange(daily) - moved) % daily
+        rows, of = (np.take_along_axis(one, place, axis=1) for one in (rows, of))
+    place = np.minimum((times + to_come.offsets(times) - clock) % DAY // length, daily - 1).astype(np.int64)
+    wanted, usual = to_come.kinds(times), np.full(len(times), np.nan)
     for kind in np.unique(wanted):
         chosen = np.where(of == kind, rows, np.inf)
         count = np.isfinite(chosen).sum(axis=0)

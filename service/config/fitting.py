@@ -19,7 +19,7 @@ from service.store.checkpoint import Checkpoint, Checkpoints
 from service.zone import snapshot
 from service.zone.alignment import Alignment, Rules
 from service.zone.clock import PLAUSIBLE
-from service.zone.local_time import calendar, kinds_of_day
+from service.zone.local_time import calendar, kinds_of_day, offsets
 from service.zone.worker import WorkerSettings, ZoneWorker
 
 _MOST_EMPTY = 1000
@@ -35,10 +35,8 @@ def make_worker(zone: ZoneConfig) -> ZoneWorker:
         zone.seed, zone.levels, zone.max_gap, zone.hold_inputs, zone.max_ages, zone.proposes_bounds
     )
     where, setpoint = zone.whereabouts, zone.setpoint
-    to_come = ToCome(
-        kinds_of_day(calendar(where.time_zone, where.country, where.location)),
-        None if setpoint is None else setpoint.foreknown,
-    )
+    local = calendar(where.time_zone, where.country, where.location)
+    to_come = ToCome(kinds_of_day(local), None if setpoint is None else setpoint.foreknown, offsets(local))
     return ZoneWorker(estimator, settings, known_heat(estimator.network, zone.period, where), to_come)
 
 

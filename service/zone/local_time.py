@@ -1,5 +1,6 @@
 """Local time, weekends and public holidays of a site, for what people do every day at the same hours."""
 
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from functools import lru_cache
 
@@ -7,10 +8,10 @@ import numpy as np
 
 from adapters.holidays import public_holidays
 from adapters.timestamps import time_zone
-from estimator.arrays import HOUR, Array, Indices
+from estimator.arrays import HOUR, Array
 from estimator.heat.known import Calendar, LocalTime
 from estimator.heat.sun import Location
-from estimator.thermostat.futures import KindOfDay
+from estimator.thermostat.futures import KindOfDay, Offsets
 
 _NOWHERE: frozenset[object] = frozenset()
 _SATURDAY = 5
@@ -38,13 +39,24 @@ def calendar(name: str | None, country: str | None, location: Location | None) -
 
 def kinds_of_day(local: Calendar) -> KindOfDay:
     """1 on weekends and public holidays of `local` time, 0 otherwise; to the hour."""
+    off = _by_the_hour(lambda times: local(times).off)
+    return lambda times: off(times).astype(np.int64)
+
+
+def offsets(local: Calendar) -> Offsets:
+    """How far clocks of `local` time are ahead of UTC, -12 to 12 h; to the hour."""
+    return _by_the_hour(lambda times: np.rint(((local(times).hour - times / HOUR + 12.0) % 24.0 - 12.0) * HOUR))
+
+
+def _by_the_hour(told: Callable[[Array], Array]) -> Callable[[Array], Array]:
+    """`told` at the beginning of the hour of each of the times that it is asked for [UTC s]."""
 
     @lru_cache(maxsize=4096)
-    def of_hour(hour: float) -> int:
-        return int(local(np.array([hour * HOUR])).off[0])
+    def of_hour(hour: float) -> float:
+        return float(told(np.array([hour * HOUR]))[0])
 
-    def kinds(times: Array) -> Indices:
+    def values(times: Array) -> Array:
         hours, place = np.unique(times // HOUR, return_inverse=True)
-        return np.array([of_hour(hour) for hour in hours.tolist()], dtype=np.int64)[place]
+        return np.array([of_hour(hour) for hour in hours.tolist()])[place]
 
-    return kinds
+    return values

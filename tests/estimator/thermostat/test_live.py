@@ -11,7 +11,7 @@ from estimator.foresight import foreseen, no_day, with_inputs
 from estimator.network.presets import network
 from estimator.registry import build
 from estimator.thermostat.answers import JOULES, energy
-from estimator.thermostat.futures import GUESSES, guesses
+from estimator.thermostat.futures import GUESSES, ToCome, guesses
 from estimator.thermostat.live import FUTURES, PLANNED, UNPLANNED, Ahead, LiveForecasts, Now
 from estimator.thermostat.memory import no_memory, remembered
 from estimator.thermostat.thermostat import no_thermostat, with_sample
@@ -297,6 +297,20 @@ def test_a_guess_is_as_now_where_nothing_is_remembered():
     assert (found[GUESSES.index("as-last-week")] == 21.0).all()
     assert (found[GUESSES.index("as-yesterday")] == 18.0).all()
     assert (guesses(no_memory(2), 21.0, np.arange(3.0)) == 21.0).all()
+
+
+def test_after_the_clocks_are_changed_people_keep_their_hours():
+    """Warm from 6 to 22 by clocks that are two hours ahead of UTC, and one after twelve days."""
+    change = 12 * 86400
+
+    def offsets(times):
+        return np.where(np.asarray(times) < change, 7200.0, 3600.0)
+
+    memory = told_every_hour(12, lambda moment: 21.0 if 6 <= (moment + 7200) // 3600 % 24 < 22 else 17.0)
+    found = guesses(memory, 19.0, change + 3600.0 * np.arange(22), ToCome(offsets=offsets))
+    hours = (np.arange(22) + 1) % 24
+    for guess in ("as-yesterday", "as-last-week", "as-usual"):
+        assert found[GUESSES.index(guess)].tolist() == np.where((hours >= 6) & (hours < 22), 21.0, 17.0).tolist(), guess
 
 
 def test_a_bank_without_a_set_point_asks_its_blind_regressions_too():

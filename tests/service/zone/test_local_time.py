@@ -9,7 +9,7 @@ import pytest
 
 from adapters.holidays import public_holidays
 from estimator.heat.sun import Location
-from service.zone.local_time import calendar
+from service.zone.local_time import calendar, offsets
 
 BERLIN = ZoneInfo("Europe/Berlin")
 
@@ -23,6 +23,7 @@ def test_hours_are_those_of_the_clock_and_the_sun_keeps_standard_time():
     found = local(np.array([at(2025, 1, 15, 7, 30), at(2025, 7, 15, 7, 30)]))
     np.testing.assert_allclose(found.hour, [7.5, 7.5])
     np.testing.assert_allclose(found.standard_hour, [7.5, 6.5])
+    assert offsets(local)(np.array([at(2025, 1, 15, 7, 30), at(2025, 7, 15, 7, 30)])).tolist() == [3600.0, 7200.0]
 
 
 def test_weekends_and_holidays_are_days_off():
