@@ -96,12 +96,7 @@ def check(values: Values, channel: str, network: Network, limits: Limits, grid: 
     unit = "degC" if channel == SET_POINTS else network.channel_unit(channel)
     usual = SET_POINT_RANGE if channel == SET_POINTS else default_valid_range(unit)
     lower, upper = limits.get(channel, usual)
-    planned, end = column(values, grid), grid.start + grid.steps * grid.period
-    if isinstance(values, Timed) and values.times[0] >= end:
-        raise PlanError(
-            f"has no value between {written_time(grid.start)} and {written_time(end)}, the time that is forecast; give "
-            "the inputs that are planned for that time"
-        )
+    planned = column(values, grid)
     wrong = planned[(planned < lower) | (planned > upper)]
     if wrong.size:
         raise PlanError(

@@ -12,7 +12,7 @@ MOMENTS = 12
 """More turns of the event loop than an answer takes from the socket to whoever has asked."""
 
 
-async def test_a_result_that_comes_with_the_cancellation_does_not_undo_it() -> None:
+async def test_a_result_that_comes_with_the_cancellation_does_not_undo_it():
     result: asyncio.Future[int] = asyncio.get_running_loop().create_future()
     task = asyncio.create_task(cancellable(asyncio.wait_for(result, 5.0)))
     await asyncio.sleep(0.01)
@@ -22,7 +22,7 @@ async def test_a_result_that_comes_with_the_cancellation_does_not_undo_it() -> N
     assert task.cancelled()
 
 
-async def test_a_modbus_read_is_cancelled_whenever_its_answer_comes() -> None:
+async def test_a_modbus_read_is_cancelled_whenever_its_answer_comes():
     ended = []
     async with serving(site := plant(holding=list(range(10)))):
         link = ModbusLink(source_table("modbus", host="127.0.0.1", port=site.port, first_register=0))

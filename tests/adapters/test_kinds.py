@@ -6,7 +6,6 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from typing import Any
 
 import pytest
 import tomli_w
@@ -27,7 +26,7 @@ SAMPLES = sorted(ADAPTERS.glob("*/sample.toml"))
 
 
 @pytest.fixture
-def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+def folder(request, tmp_path):
     """A copy of the folder of a kind without its code, with what its sample reads."""
     for path in request.param.iterdir():
         if path.is_file() and path.suffix != ".py":
@@ -38,14 +37,14 @@ def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_every_kind_has_a_sample() -> None:
+def test_every_kind_has_a_sample():
     shown = [tomllib.loads(path.read_text(encoding="utf-8")) for path in SAMPLES]
     assert {one["kind"] for sample in shown for one in sample["sources"].values()} == set(SOURCE_KINDS)
     assert {one["kind"] for sample in shown for one in sample.get("weather", {}).values()} <= set(WEATHER_KINDS)
 
 
 @pytest.mark.parametrize("folder", [path.parent for path in SAMPLES], indirect=True, ids=lambda path: path.name)
-def test_a_sample_amounts_to_what_is_expected(folder: Path, request: pytest.FixtureRequest) -> None:
+def test_a_sample_amounts_to_what_is_expected(folder, request):
     config = load(folder / "sample.toml")
     assert config == load(folder / "sample.toml"), "a reload would find changes where there are none"
     text = effective_toml(config)
@@ -64,18 +63,18 @@ def test_a_sample_amounts_to_what_is_expected(folder: Path, request: pytest.Fixt
 
 
 @pytest.mark.parametrize(("file", "name", "case"), cases.mistakes(*sorted(ADAPTERS.glob("*/testcases/mistakes.toml"))))
-def test_a_mistake_is_one_sentence_with_its_place(file: Path, name: str, case: dict[str, Any], tmp_path: Path) -> None:
+def test_a_mistake_is_one_sentence_with_its_place(file, name, case, tmp_path):
     shutil.copy(file.parents[1] / "sample.toml", tmp_path)
     cases.check_mistake(tmp_path / "sample.toml", file, name, case)
 
 
-def test_a_wrong_kind_lists_the_right_ones(tmp_path: Path) -> None:
+def test_a_wrong_kind_lists_the_right_ones(tmp_path):
     shutil.copy(ADAPTERS / "modbus" / "sample.toml", tmp_path)
     (problem,) = cases.problems(tmp_path / "sample.toml", ["sources.bms.kind=modbuss"])
     assert problem.endswith(f'the kinds are {", ".join(SOURCE_KINDS)}; did you mean "modbus"?')
 
 
-def test_sources_can_be_read_without_zones(tmp_path: Path) -> None:
+def test_sources_can_be_read_without_zones(tmp_path):
     path = tmp_path / "scan.toml"
     path.write_text('[sources.bms]\nkind = "bacnet"\ninterface = "192.168.1.10/24"\n', encoding="utf-8")
     assert [*load_sources(path)] == ["bms"]
@@ -84,7 +83,7 @@ def test_sources_can_be_read_without_zones(tmp_path: Path) -> None:
         load_sources(path)
 
 
-def test_the_library_of_bacnet_is_imported_by_who_uses_it_only() -> None:
+def test_the_library_of_bacnet_is_imported_by_who_uses_it_only():
     code = "import sys, adapters.kinds, replay.bms.serving; sys.exit('bacpypes3' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False, timeout=180).returncode == 0
 
@@ -95,7 +94,7 @@ NOBODY = json.loads(TABLES.replace("GONE", str(free_port())))
 
 
 @pytest.mark.parametrize("kind", NOBODY)
-async def test_where_nobody_is_a_source_says_so_in_one_sentence_again_and_again(kind: str) -> None:
+async def test_where_nobody_is_a_source_says_so_in_one_sentence_again_and_again(kind):
     keys, channel, remedy = NOBODY[kind]
     quick = {"timeout": 0.3, "retries": 0}
     own = SOURCE_KINDS[kind].model_fields

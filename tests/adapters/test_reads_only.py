@@ -2,7 +2,6 @@
 
 import ast
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,7 @@ KNOWING = {
 }
 
 
-def others(kind: str) -> set[str]:
+def others(kind):
     """What the library of a bus can ask for beside reading."""
     if kind == "modbus":
         reads = {"read_coils", "read_discrete_inputs", "read_holding_registers", "read_input_registers"}
@@ -40,7 +39,7 @@ def others(kind: str) -> set[str]:
     return requests - READS - {"IAmRequest", "UnconfirmedCOVNotificationRequest"}
 
 
-def names(tree: ast.Module) -> Iterator[str]:
+def names(tree):
     """Every name that a module uses, imports, calls as an attribute, or writes as a text."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Name):
@@ -53,7 +52,7 @@ def names(tree: ast.Module) -> Iterator[str]:
             yield node.value
 
 
-def test_few_modules_know_the_library_of_a_bus() -> None:
+def test_few_modules_know_the_library_of_a_bus():
     # The simulated building is devices, and devices may know everything.
     paths = [
         path
@@ -74,7 +73,7 @@ def test_few_modules_know_the_library_of_a_bus() -> None:
     [path for kind in ("modbus", "bacnet", "opcua") for path in sorted((ADAPTERS / kind).glob("*.py"))],
     ids=lambda path: path.stem,
 )
-def test_no_module_names_a_verb_that_writes(path: Path) -> None:
+def test_no_module_names_a_verb_that_writes(path):
     forbidden, tree = others(path.parent.name), ast.parse(path.read_text(encoding="utf-8"))
     assert forbidden & {"write_register", "WritePropertyRequest", "write_value"}
     named = {name for name in names(tree) if name.isidentifier()}

@@ -13,11 +13,11 @@ from replay.recorded.raw_telemetry import (
 BERLIN = "Europe/Berlin"
 
 
-def _rng() -> np.random.Generator:
+def _rng():
     return np.random.default_rng(1)
 
 
-def test_sensor_adds_noise_and_rounds_to_its_resolution() -> None:
+def test_sensor_adds_noise_and_rounds_to_its_resolution():
     grid = np.arange(0, 10_000, 60)
     times = np.arange(30, 9000, 7)
     readings = measured(Sensor(0.06, 0.1), times, grid, 20.0 + grid / 1e4, _rng())
@@ -26,7 +26,7 @@ def test_sensor_adds_noise_and_rounds_to_its_resolution() -> None:
     assert error.std() == pytest.approx(np.hypot(0.06, 0.1 / np.sqrt(12)), rel=0.1)
 
 
-def test_faults_stay_away_from_the_clock_change() -> None:
+def test_faults_stay_away_from_the_clock_change():
     start, change = midnight(2025, 10, 25, BERLIN), midnight(2025, 10, 26, "UTC") + HOUR
     times = row_times(start, start + 3 * DAY, (10, 60), _rng())
     rows = kept_rows(times, Faults((6 * HOUR, 6 * HOUR, 6 * HOUR), 200, 0.0), BERLIN, _rng())

@@ -1,8 +1,5 @@
 """What `check` and `run` say to a daemon that others could reach."""
 
-from pathlib import Path
-from typing import Any
-
 import pytest
 from support.certificates import make_pair
 from support.config_samples import sound, write
@@ -15,7 +12,7 @@ from service.web.keys import create_key, revoke_key
 Capture = pytest.CaptureFixture[str]
 
 
-def complaints(folder: Path, capsys: Capture, command: str = "check", **http: Any) -> list[str]:
+def complaints(folder, capsys, command="check", **http):
     """What is said to `http`; nothing if it passes."""
     code = main([command, str(write(folder, sound(folder) | {"http": http}))])
     lines = [line.removeprefix("thermogate: ") for line in capsys.readouterr().err.splitlines()]
@@ -24,7 +21,7 @@ def complaints(folder: Path, capsys: Capture, command: str = "check", **http: An
 
 
 @pytest.mark.parametrize("command", ["check", "run"])
-def test_every_way_out_wants_encryption_and_a_key(tmp_path: Path, capsys: Capture, command: str) -> None:
+def test_every_way_out_wants_encryption_and_a_key(tmp_path, capsys, command):
     pair = make_pair(tmp_path)
     (line,) = complaints(tmp_path, capsys, command, host="0.0.0.0")
     assert line == (
@@ -42,7 +39,7 @@ def test_every_way_out_wants_encryption_and_a_key(tmp_path: Path, capsys: Captur
         assert "thermogate keys create" in line
 
 
-def test_with_both_it_passes_until_the_last_key_is_revoked(tmp_path: Path, capsys: Capture) -> None:
+def test_with_both_it_passes_until_the_last_key_is_revoked(tmp_path, capsys):
     pair = make_pair(tmp_path)
     keys = tmp_path / "keys.json"
     exposed = {
@@ -58,7 +55,7 @@ def test_with_both_it_passes_until_the_last_key_is_revoked(tmp_path: Path, capsy
     assert len(complaints(tmp_path, capsys, **exposed)) == 1
 
 
-def test_on_loopback_neither_is_needed_but_what_is_given_must_be_right(tmp_path: Path, capsys: Capture) -> None:
+def test_on_loopback_neither_is_needed_but_what_is_given_must_be_right(tmp_path, capsys):
     assert complaints(tmp_path, capsys) == []
     (tmp_path / "keys.json").write_text("{")
     lines = complaints(tmp_path, capsys, certificate="a.pem", private_key="a.key", keys_file="keys.json")
@@ -67,10 +64,8 @@ def test_on_loopback_neither_is_needed_but_what_is_given_must_be_right(tmp_path:
     assert lines[2:] == ["2 mistakes in the configuration; nothing was started"]
 
 
-def test_who_cannot_see_the_keys_can_check_what_is_on_loopback(
-    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def closed(path: Path) -> tuple[()]:
+def test_who_cannot_see_the_keys_can_check_what_is_on_loopback(tmp_path, capsys, monkeypatch):
+    def closed(path):
         raise KeyFileError(f"the keys in {path} cannot be read (Permission denied)")
 
     monkeypatch.setattr(exposure, "read_keys", closed)

@@ -5,8 +5,6 @@ import importlib.util
 import itertools
 import os
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 from numba.core import caching, config
@@ -19,7 +17,7 @@ COUNT = itertools.count()
 
 
 @pytest.fixture
-def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], Any]:
+def kernel(tmp_path, monkeypatch):
     """A function that Numba has not looked for in its cache yet, the same one each time."""
     monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(kernel_cache, "_told", set())
@@ -27,7 +25,7 @@ def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], Any]
     path = tmp_path / "sample_kernel.py"
     path.write_text(SOURCE)
 
-    def load() -> Any:
+    def load():
         spec = importlib.util.spec_from_file_location("sample_kernel", path)
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
@@ -36,13 +34,11 @@ def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], Any]
     return load
 
 
-def files(tmp_path: Path, ending: str) -> list[Path]:
+def files(tmp_path, ending):
     return sorted((tmp_path / "cache").rglob(f"*.{ending}"))
 
 
-def test_a_sound_cache_is_used_whoever_wrote_it(
-    kernel: Callable[[], Any], tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_sound_cache_is_used_whoever_wrote_it(kernel, tmp_path, caplog):
     caplog.set_level("INFO")
     assert kernel()(1) == 2
     assert [record.message.partition(",")[0] for record in caplog.records] == ["compiling the estimators"]
@@ -65,9 +61,7 @@ DAMAGE: dict[str, Callable[[bytes], bytes]] = {
 
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
 @pytest.mark.parametrize("damage", DAMAGE)
-def test_a_damaged_cache_is_set_aside_and_compiled_anew(
-    kernel: Callable[[], Any], tmp_path: Path, caplog: pytest.LogCaptureFixture, damage: str, ending: str
-) -> None:
+def test_a_damaged_cache_is_set_aside_and_compiled_anew(kernel, tmp_path, caplog, damage, ending):
     assert kernel()(1) == 2
     for path in files(tmp_path, ending):
         path.write_bytes(DAMAGE[damage](path.read_bytes()))
@@ -84,9 +78,7 @@ def test_a_damaged_cache_is_set_aside_and_compiled_anew(
 
 @pytest.mark.parametrize("part", ["folder", "nbi", "nbc"])
 @pytest.mark.parametrize("how", ["mode", "owner"])
-def test_a_cache_that_others_can_write_is_not_used(
-    kernel: Callable[[], Any], tmp_path: Path, caplog: pytest.LogCaptureFixture, part: str, how: str
-) -> None:
+def test_a_cache_that_others_can_write_is_not_used(kernel, tmp_path, caplog, part, how):
     """What lies in it is run, as code and as pickles."""
     assert kernel()(1) == 2
     (index,) = files(tmp_path, "nbi")
@@ -106,10 +98,8 @@ def test_a_cache_that_others_can_write_is_not_used(
     assert f"say: {'chmod go-w' if part == 'folder' else 'rm'} {open_to_all}, " in sentence
 
 
-def test_a_cache_that_cannot_be_written_costs_a_compilation(
-    kernel: Callable[[], Any], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: object) -> None:
+def test_a_cache_that_cannot_be_written_costs_a_compilation(kernel, caplog, monkeypatch):
+    def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(caching.IndexDataCacheFile, "_open_for_write", full)

@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import NoReturn
 
 import pytest
 
@@ -13,7 +12,7 @@ from service.daemon import process
 THREADS = "import os, numpy, scipy.linalg; print(len(os.listdir('/proc/self/task')))"
 
 
-def threads(prepare: str, **environment: str) -> int:
+def threads(prepare, **environment):
     """How many threads a process has that has imported what computes."""
     clean = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     command = [sys.executable, "-c", f"from service.daemon.process import prepare_process; {prepare}; {THREADS}"]
@@ -22,12 +21,12 @@ def threads(prepare: str, **environment: str) -> int:
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="threads are counted in /proc")
-def test_linear_algebra_starts_no_threads_of_its_own() -> None:
+def test_linear_algebra_starts_no_threads_of_its_own():
     assert threads("prepare_process()") == 1
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux") or os.cpu_count() == 1, reason="there is nothing to start")
-def test_whoever_wants_threads_or_owns_the_process_has_them() -> None:
+def test_whoever_wants_threads_or_owns_the_process_has_them():
     assert threads("prepare_process()", OPENBLAS_NUM_THREADS="2") > 1
     assert threads("prepare_process(shared=True)") > 1
 
@@ -46,15 +45,15 @@ print(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere all threads of a process have one priority")
 @pytest.mark.parametrize("niceness", [0, 10])
-def test_threads_that_compute_let_the_event_loop_go_first_whatever_the_priority_of_their_process(niceness: int) -> None:
+def test_threads_that_compute_let_the_event_loop_go_first_whatever_the_priority_of_their_process(niceness):
     command = [sys.executable, "-c", NICENESS.format(niceness=niceness)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     computing, looping = map(int, done.stdout.split())
     assert computing > looping
 
 
-def test_an_account_without_a_home_compiles_into_a_folder_of_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    def homeless() -> NoReturn:
+def test_an_account_without_a_home_compiles_into_a_folder_of_the_process(monkeypatch):
+    def homeless():
         raise RuntimeError("Could not determine home directory.")
 
     for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):

@@ -3,13 +3,10 @@
 import asyncio
 import json
 import threading
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
-import zenoh
 from anyio.from_thread import start_blocking_portal
-from fastapi import FastAPI
 from support.http_client import get, post
 from support.processes import free_port
 from support.publishing import opened, settings
@@ -18,7 +15,7 @@ from support.tables import tabled
 from support.zenoh_plant import session as session_of
 
 from service.daemon.queries import Queries
-from service.publish.zenoh import MOST_QUESTIONS, Publisher, Reply
+from service.publish.zenoh import MOST_QUESTIONS, Reply
 from service.web.app import create_questions
 
 ROOMS = {"living": Room("ekf"), "cellar": Room("arx"), "new": Room("ekf", samples=0)}
@@ -26,20 +23,20 @@ SITE = "thermogate/htwg"
 
 
 @pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[FastAPI, FastAPI]]:
+def app(tmp_path_factory):
     """REST, and the routes that answer questions."""
     with site_of(tmp_path_factory.mktemp("site"), ROOMS) as (made, zones):
         yield made, create_questions("htwg", zones)
 
 
 @pytest.fixture(scope="module")
-def loop() -> Iterator[asyncio.AbstractEventLoop]:
+def loop():
     with start_blocking_portal() as portal:
         yield portal.call(asyncio.get_running_loop)
 
 
 @pytest.fixture(scope="module")
-def publisher_and_session() -> Iterator[tuple[Publisher, zenoh.Session]]:
+def publisher_and_session():
     address = f"tcp/127.0.0.1:{free_port()}"
     publisher = opened(settings(listen=(address,)), list(ROOMS))
     with session_of(connect=address) as session:
@@ -49,16 +46,16 @@ def publisher_and_session() -> Iterator[tuple[Publisher, zenoh.Session]]:
 
 @pytest.fixture
 def session(
-    app: tuple[FastAPI, FastAPI],
-    loop: asyncio.AbstractEventLoop,
-    publisher_and_session: tuple[Publisher, zenoh.Session],
-) -> zenoh.Session:
+    app,
+    loop,
+    publisher_and_session,
+):
     publisher, session = publisher_and_session
     publisher.answer_with(Queries(app[1], loop).answer)
     return session
 
 
-def ask(session: zenoh.Session, selector: str, body: Any = None) -> list[tuple[bool, dict[str, Any]]]:
+def ask(session, selector, body=None):
     """Whether each reply is good, and its JSON."""
     payload = None if body is None else json.dumps(body).encode()
     found = []
@@ -68,7 +65,7 @@ def ask(session: zenoh.Session, selector: str, body: Any = None) -> list[tuple[b
     return found
 
 
-def test_the_fan_and_the_plan_are_those_of_rest(app: tuple[FastAPI, FastAPI], session: zenoh.Session) -> None:
+def test_the_fan_and_the_plan_are_those_of_rest(app, session):
     (answer,) = ask(session, f"{SITE}/living/fan?horizon=1h;level=0.5|0.9")
     assert answer == (True, get(app[0], "/zones/living/forecast?horizon=1h&level=0.5&level=0.9").json())
     body = {"horizon": "30min", "inputs": {"u_heat": [0, 500, 500, 500, 0, 0]}}
@@ -76,7 +73,7 @@ def test_the_fan_and_the_plan_are_those_of_rest(app: tuple[FastAPI, FastAPI], se
     assert answer == (True, post(app[0], "/zones/living/forecast", body).json())
 
 
-def test_model_parameters_and_forecasts_are_those_of_rest(app: tuple[FastAPI, FastAPI], session: zenoh.Session) -> None:
+def test_model_parameters_and_forecasts_are_those_of_rest(app, session):
     (answer,) = ask(session, f"{SITE}/living/model?step=15min;draws=5")
     assert answer == (True, get(app[0], "/zones/living/model?step=15min&draws=5").json())
     (answer,) = ask(session, f"{SITE}/living/parameters?level=0.5")
@@ -87,24 +84,22 @@ def test_model_parameters_and_forecasts_are_those_of_rest(app: tuple[FastAPI, Fa
 
 
 @tabled
-def test_what_is_asked_wrongly_is_refused_with_the_sentence_of_rest(
-    session: zenoh.Session, selector: str, body: Any, words: str
-) -> None:
+def test_what_is_asked_wrongly_is_refused_with_the_sentence_of_rest(session, selector, body, words):
     (answer,) = ask(session, f"{SITE}/{selector}", body)
     assert answer[0] is False
     assert words in answer[1]["detail"]
 
 
-def test_parameters_of_zenoh_itself_are_not_refused(session: zenoh.Session) -> None:
+def test_parameters_of_zenoh_itself_are_not_refused(session):
     assert ask(session, f"{SITE}/living/status?_time=[now(-1h)..]") == [], "nothing was published yet, and no error"
 
 
-def test_questions_that_wait_are_bounded(publisher_and_session: tuple[Publisher, zenoh.Session]) -> None:
+def test_questions_that_wait_are_bounded(publisher_and_session):
     publisher, session = publisher_and_session
     held: list[Any] = []
     full = threading.Event()
 
-    def hold(question: Any, reply: Any) -> None:
+    def hold(question, reply):
         held.append(reply)
         if len(held) == MOST_QUESTIONS:
             full.set()

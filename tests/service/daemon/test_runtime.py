@@ -2,7 +2,6 @@
 
 import asyncio
 from datetime import timedelta
-from pathlib import Path
 
 import pytest
 from support.config_samples import HEADER, sound, write
@@ -11,14 +10,13 @@ from support.waiting import until
 
 from adapters.fields.times import parse_time, utc
 from service.config.load import load
-from service.config.site import Config
 from service.daemon.runtime import Runtime
 from service.daemon.zone_table import Zones
 
 FIRST = parse_time("2025-05-03T00:00:00Z")
 
 
-def configured(folder: Path) -> Config:
+def configured(folder):
     """The living room of the sound configuration; it bridges three samples without a reading."""
     tables = sound(folder)
     del tables["zones"][1]
@@ -27,7 +25,7 @@ def configured(folder: Path) -> Config:
     return load(write(folder, tables))
 
 
-def record(folder: Path, rows: range, silent: range) -> None:
+def record(folder, rows, silent):
     """The recording, a row every 5 min; those in `silent` have a time and nothing else."""
     lines = [HEADER]
     for row in rows:
@@ -36,7 +34,7 @@ def record(folder: Path, rows: range, silent: range) -> None:
     (folder / "log.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-async def lived(config: Config, state: Path) -> list[str]:
+async def lived(config, state):
     """Every sample that the journal holds after the zones have taken in the recording and were stopped."""
     async with plumbing(state) as shared:
         runtime = Runtime(config, Zones(), shared)
@@ -51,7 +49,7 @@ async def lived(config: Config, state: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("stop", [3, 5, 6, 9, 13])
-def test_a_restart_in_a_gap_goes_on_as_if_it_had_never_stopped(stop: int, tmp_path: Path) -> None:
+def test_a_restart_in_a_gap_goes_on_as_if_it_had_never_stopped(stop, tmp_path):
     config, silent = configured(tmp_path), range(4, 14)
     record(tmp_path, range(20), silent)
     uninterrupted = asyncio.run(lived(config, tmp_path / "never"))

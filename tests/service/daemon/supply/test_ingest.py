@@ -4,9 +4,7 @@ import asyncio
 import logging
 import time
 from collections import Counter
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import pytest
 from support.config_samples import sound, write
@@ -25,16 +23,16 @@ from service.web.server.refusal import RequestRefused
 class Taking:
     """A zone that takes everything, or fails."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.taken: list[tuple[str, list[Reading]]] = []
         self.failure: Exception | None = None
 
     @property
-    def intake(self) -> Self:
+    def intake(self):
         """Of the zone that this stands for."""
         return self
 
-    async def take(self, source: str, readings: Sequence[Reading]) -> Receipt:
+    async def take(self, source, readings):
         if self.failure is not None:
             raise self.failure
         self.taken.append((source, list(readings)))
@@ -42,12 +40,12 @@ class Taking:
 
 
 @pytest.fixture
-def zones() -> dict[str, Taking]:
+def zones():
     return {"living": Taking(), "bedroom": Taking()}
 
 
 @pytest.fixture
-def feeds(tmp_path: Path, zones: dict[str, Any]) -> list[Feed]:
+def feeds(tmp_path, zones):
     """Two sources that are posted to and a recording, each at its feed."""
     tables = sound(tmp_path)
     tables["sources"] |= {"one": {"kind": "http"}, "two": {"kind": "http"}}
@@ -61,17 +59,15 @@ def feeds(tmp_path: Path, zones: dict[str, Any]) -> list[Feed]:
     ]
 
 
-def lines(*fields: str) -> list[Posted]:
+def lines(*fields):
     return [Posted("living", 20.0, None, field) for field in fields]
 
 
-def take(ingest: Ingest, posted: Sequence[Posted], zone: str | None = None) -> Any:
+def take(ingest, posted, zone=None):
     return asyncio.run(ingest.take(posted, zone))
 
 
-async def test_a_large_post_leaves_the_event_loop_to_others_and_goes_in_the_order_of_time(
-    feeds: list[Feed], zones: dict[str, Taking]
-) -> None:
+async def test_a_large_post_leaves_the_event_loop_to_others_and_goes_in_the_order_of_time(feeds, zones):
     posted = [Posted("living", 20.0, float(time), "T_i") for time in range(5 * TOGETHER, 0, -1)]
     posted += [Posted("nobody", 20.0, None, f"field {k}") for k in range(5 * TOGETHER)]
     with turns_beside() as turns:
@@ -82,7 +78,7 @@ async def test_a_large_post_leaves_the_event_loop_to_others_and_goes_in_the_orde
     assert times == [float(time) for time in range(1, 5 * TOGETHER + 1)]
 
 
-def test_a_post_goes_to_every_source_that_has_its_channels(feeds: list[Feed], zones: dict[str, Taking]) -> None:
+def test_a_post_goes_to_every_source_that_has_its_channels(feeds, zones):
     taken = take(Ingest(lambda: feeds, lambda: True), lines("T_i", "T_out", "T_cellar", "u_heat"))
     assert [(source, [reading.channel for reading in readings]) for source, readings in zones["living"].taken] == [
         ("one", ["living/T_i", "living/u_heat"]),
@@ -94,13 +90,13 @@ def test_a_post_goes_to_every_source_that_has_its_channels(feeds: list[Feed], zo
     assert [feed.tally.readings for feed in feeds] == [2, 1, 0]
 
 
-def test_a_post_for_one_zone_reaches_no_other(feeds: list[Feed], zones: dict[str, Taking]) -> None:
+def test_a_post_for_one_zone_reaches_no_other(feeds, zones):
     taken = take(Ingest(lambda: feeds, lambda: True), lines("T_i"), "bedroom")
     assert (taken.accepted, taken.unknown) == (0, 1)
     assert zones["living"].taken == []
 
 
-def test_what_nobody_asks_for_is_said_now_and_then(feeds: list[Feed], caplog: pytest.LogCaptureFixture) -> None:
+def test_what_nobody_asks_for_is_said_now_and_then(feeds, caplog):
     ingest = Ingest(lambda: feeds, lambda: True)
     with caplog.at_level(logging.INFO):
         for _ in range(3):
@@ -112,14 +108,14 @@ def test_what_nobody_asks_for_is_said_now_and_then(feeds: list[Feed], caplog: py
 
 
 @pytest.mark.parametrize(("expected", "status"), [(True, 503), (False, 409)])
-def test_without_a_source_to_post_to(feeds: list[Feed], expected: bool, status: int) -> None:
+def test_without_a_source_to_post_to(feeds, expected, status):
     with pytest.raises(RequestRefused) as refused:
         take(Ingest(lambda: feeds[2:], lambda: expected), lines("T_i"))
     assert refused.value.status == status
     assert ("Retry-After" in refused.value.headers) == expected
 
 
-def test_who_posts_again_after_a_failure_loses_no_count_of_any_zone(tmp_path: Path, zones: dict[str, Any]) -> None:
+def test_who_posts_again_after_a_failure_loses_no_count_of_any_zone(tmp_path, zones):
     tables = sound(tmp_path)
     tables["sources"]["one"] = {"kind": "http"}
     for zone in tables["zones"]:
@@ -129,10 +125,10 @@ def test_who_posts_again_after_a_failure_loses_no_count_of_any_zone(tmp_path: Pa
     feed = Feed("one", load(write(tmp_path, tables)), zones, list(zones), Tally())
     now = time.time()
 
-    def post(seconds: float, count: float) -> list[Posted]:
+    def post(seconds, count):
         return [Posted(zone, count, now - 1000.0 + seconds, "u_heat") for zone in zones]
 
-    def values(zone: str) -> list[float]:
+    def values(zone):
         return [reading.value for _, readings in zones[zone].taken for reading in readings if reading.fault is None]
 
     take(Ingest(lambda: [feed], lambda: True), post(0.0, 100.0))
@@ -145,14 +141,12 @@ def test_who_posts_again_after_a_failure_loses_no_count_of_any_zone(tmp_path: Pa
     assert values("living") == values("bedroom") == pytest.approx([6000.0])
 
 
-def test_a_zone_that_a_reload_has_taken_away_takes_nothing(feeds: list[Feed], zones: dict[str, Taking]) -> None:
+def test_a_zone_that_a_reload_has_taken_away_takes_nothing(feeds, zones):
     del zones["living"]
     assert take(Ingest(lambda: feeds, lambda: True), lines("T_i")).accepted == 0
 
 
-async def test_a_value_that_many_channels_ask_for_leaves_the_event_loop_to_others_and_is_bounded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_value_that_many_channels_ask_for_leaves_the_event_loop_to_others_and_is_bounded(tmp_path, monkeypatch):
     """The outdoor temperature of 50 rooms: a post of 20,000 would be a million readings."""
     tables = sound(tmp_path)
     tables["sources"]["one"] = {"kind": "http"}
@@ -165,7 +159,7 @@ async def test_a_value_that_many_channels_ask_for_leaves_the_event_loop_to_other
     feed = Feed("one", load(write(tmp_path, tables)), zones, list(zones), Tally())
     ingest, now = Ingest(lambda: [feed], lambda: True), time.time()
 
-    def outdoor(count: int) -> list[Posted]:
+    def outdoor(count):
         return [Posted("outdoor", 5.0, now - count + k) for k in range(count)]
 
     with turns_beside() as turns:

@@ -1,12 +1,10 @@
 """Forecasts of the weather at work: a source that fails is tried again, and says once that it works again."""
 
 import logging
-from collections.abc import AsyncIterator
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 from support.waiting import until
 
 from adapters.errors import SourceUnavailable
@@ -21,11 +19,11 @@ class Failing:
 
     name = "office"
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.calls = 0
         self.closed = False
 
-    async def forecasts(self) -> AsyncIterator[WeatherForecast]:
+    async def forecasts(self):
         self.calls += 1
         if self.calls != 3:
             raise SourceUnavailable("weather.office: nobody answers")
@@ -33,13 +31,11 @@ class Failing:
             yield WeatherForecast(issued, {"T_out": WeatherSeries(np.array([issued]), np.array([5.0]))})
         raise SourceUnavailable("weather.office: nobody answers")
 
-    async def close(self) -> None:
+    async def close(self):
         self.closed = True
 
 
-async def test_a_source_that_works_again_says_so_once(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_a_source_that_works_again_says_so_once(monkeypatch, caplog):
     monkeypatch.setattr(module, "FIRST_PAUSE", 0.001)
     monkeypatch.setattr(module, "LONGEST_PAUSE", 0.001)
     source = Failing()
