@@ -78,7 +78,7 @@ def test_the_worst_rooms_come_first_with_their_finding_in_words(visit: Any, thir
     page.wait_for_selector(ROWS)
     assert names(page)[:4] == ["room-stalled", "room-waiting", "room-doubted", "room-0"]
     doubt = page.locator('[data-zone="room-doubted"]')
-    assert doubt.locator(".cell-finding").inner_text() == "the thermostat calls and no heat comes"
+    assert doubt.locator(".cell-finding").inner_text() == "the thermostat calls and nothing comes"
     assert doubt.locator(".cell-now").inner_text() == "19.5 °C"
     # The outlook and the sparkline come by the stream, once they are made.
     eventually(page, "document.querySelector('[data-zone=\"room-0\"] .cell-later').textContent.includes('°C')")
