@@ -65,9 +65,9 @@ def _usual(memory: Memory, times: Array, to_come: ToCome) -> Array:
     known = np.isfinite(rows)
     when = np.where(known, memory.times.reshape(14, daily), times[0])
     of = np.where(known, to_come.kinds(when.ravel()).reshape(14, daily), -1)
-    moved = np.rint((to_come.offsets(when.ravel()) - clock) / length).astype(np.int64).reshape(14, daily)
-    if moved.any():
+    if to_come.offsets(when.min(keepdims=True).ravel()) != clock:
         # The clocks were changed in this fortnight: each stands where it would by the clocks of now.
+        moved = np.rint((to_come.offsets(when.ravel()) - clock) / length).astype(np.int64).reshape(14, daily)
         place = (np.arange(daily) - moved) % daily
         rows, of = (np.take_along_axis(one, place, axis=1) for one in (rows, of))
     place = np.minimum((times + to_come.offsets(times) - clock) % DAY // length, daily - 1).astype(np.int64)

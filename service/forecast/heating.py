@@ -31,7 +31,7 @@ from service.zone.worker import Standing, ZoneWorker
 
 COLD = 0.5
 """K below a set-point from which on a room counts as too cold."""
-_SWING = 2 * 3600.0
+SWING = 2 * 3600.0
 """s in which a room is warm once under a thermostat that lets it swing around its set-point."""
 _LEVELS = np.array([0.025, 0.975])
 _HOUR = 3600.0
@@ -85,7 +85,7 @@ class PreheatQuestion(NamedTuple):
     `by` UTC s with a probability. Until the start it falls as it is likely to, and nobody raises it.
 
     Under a thermostat a room swings around its set-point, below it by more than `tolerance` as well: warm it is when
-    it has been so in the last _SWING, of which an earlier start takes nothing away.
+    it has been so in the last SWING, of which an earlier start takes nothing away.
     """
 
     target: float
@@ -101,7 +101,7 @@ class PreheatQuestion(NamedTuple):
         start, period = float(standing.update.forecast.valid_time), worker.period
         steps = max(1, int(np.ceil((self.by - start) / period)))
         futures = _Futures(worker, standing, weather, steps, given_up)
-        before, (swings, stride) = futures.falling, futures.swings(_SWING)
+        before, (swings, stride) = futures.falling, futures.swings(SWING)
         fans: dict[int, Fan] = {}
 
         def reached(step: int) -> float:

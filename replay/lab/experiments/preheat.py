@@ -17,14 +17,14 @@ from replay.localtime import DAY, HOUR
 from replay.reports.kit.report import Report
 from service.errors import NoLaw
 from service.forecast.foresight import NO_WEATHER
-from service.forecast.heating import PreheatQuestion
+from service.forecast.heating import SWING, PreheatQuestion
 
 PROBABILITY, TOLERANCE = 0.9, 0.5
 MORNINGS, STARTS, IN_TIME, BEEN, PROMISED, EARLY = (
     *("mornings", "with a start", "in time", "warm in the 2 h before", "promised"),
     "min too early, median",
 )
-_LATELY = round(2 * HOUR / STEP)
+_LATELY = round(SWING / STEP)
 """Steps in which a room counts as warm that has been so, as in the answer."""
 
 
