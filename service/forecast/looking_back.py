@@ -1,7 +1,6 @@
 """Answers about a room that look back: how long warming up took, what an open window cost, why forecasts were wrong."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -10,9 +9,7 @@ import numpy.typing as npt
 from adapters.timestamps import time_zone
 from estimator.arrays import DAY, HOUR, Array
 from estimator.diagnosis.finding import amount
-from estimator.network.assembly import assemble
-from estimator.network.discretise import discretise
-from estimator.network.network import HeatInput
+from estimator.statespace.inverse import known_heat, missing_heat
 from service.forecast.answers import RoomAnswer
 from service.forecast.learned import model_draws
 from service.zone.worker import ZoneWorker
@@ -96,34 +93,9 @@ def needed_heat(worker: ZoneWorker, times: Array, step: float, temperature: Arra
     standing = worker.standing
     assert standing is not None
     draws = model_draws(worker, standing, _DRAWS)
-    network = draws.network
-    heats = [HeatInput(term.name, term.node) for term in network.terms]
-    heats.append(HeatInput("unmeasured heat", network.measured[0]))
-    heated = replace(network, heat_inputs=(*network.heat_inputs, *heats))
-    exact = discretise(assemble(heated, draws.point[:, None]), step)
-    room, warms = exact.transition[0], exact.input[0, :, -1]
-    size, node, own = len(room), network.nodes.index(network.measured[0]), len(network.inputs)
-    known = worker.loop.driving(times, np.where(np.isfinite(inputs), inputs, _mean(inputs)))
-    known = known[:, worker.network.columns(network)]
-    terms = zip(network.terms, draws.coefficients, strict=True)
-    known[:, own:] *= [term.name.startswith("sun") * (row @ draws.weights) for term, row in terms]
-    pushes = known @ exact.input[0, :, :-1].T
-    # It begins as what stays as it is: at the mean of the first day, with the heat that this needs.
-    first = slice(0, max(1, round(DAY / step)))
-    still = np.block([[np.eye(size) - room, -warms[:, None]], [np.eye(size + 1)[node]]])
-    state = np.linalg.solve(still, np.append(pushes[first].mean(axis=0), _mean(temperature[first])))[:size]
-    found = np.zeros(len(times))
-    for k, follows in enumerate(np.diff(times) < 1.5 * step):
-        state = room @ state + pushes[k]
-        missed = temperature[k + 1] - state[node]
-        if follows and np.isfinite(missed):
-            found[k] = missed / warms[node]
-            state = state + warms * found[k]
-    return found
-
-
-def _mean(values: Array) -> Array:
-    return np.asarray(np.nansum(values, axis=0) / np.maximum(1, np.isfinite(values).sum(axis=0)))
+    known, network = known_heat(draws, worker.network, worker.loop.driving, times, inputs), draws.network
+    known[:, len(network.inputs) :] *= [term.name.startswith("sun") for term in network.terms]
+    return missing_heat(draws, times, step, temperature, known)
 
 
 def lost_heat(times: Array, step: float, gain: Array, zone: str | None, needed: Array) -> Iterator[RoomAnswer]:
@@ -238,7 +210,12 @@ def _departed(worker: ZoneWorker, times: Array, inputs: Array) -> Iterator[str]:
 
 def _called(channel: str) -> str:
     """An input in the words of people who have no model."""
-    kinds = {"T_out": "the outdoor temperature", "I_sol": "the sun", "u_heat": "the heating"}
+    kinds = {
+        "T_out": "the outdoor temperature",
+        "I_sol": "the sun",
+        "cloud_cover": "the cloud cover",
+        "u_heat": "the heating",
+    }
     return next((words for kind, words in kinds.items() if channel.startswith(kind)), channel)
 
 
