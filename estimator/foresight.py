@@ -148,8 +148,8 @@ def foreseen(network: Network, day: Day, now: Array, times: Array) -> Foreseen:
     """The inputs of `network` over the intervals that begin at `times` (h,) [UTC s], from those in force `now` (n_u,)
     and the usual `day`.
 
-    A temperature begins with the value in force and goes over to the usual one as it fades; the sun begins with the
-    share of the usual one that it had lately. Where not all of a day is known, all is held.
+    A temperature, and the cover of clouds, begins with the value in force and goes over to the usual one as it fades;
+    the sun begins with the share of the usual one that it had lately. Where not all of a day is known, all is held.
     """
     rows, by_shape = np.tile(now, (len(times), 1)), np.zeros(len(now), dtype=np.bool_)
     known = day.times[~np.isnan(day.times)]
@@ -165,12 +165,14 @@ def foreseen(network: Network, day: Day, now: Array, times: Array) -> Foreseen:
             rows[:, column] = usual * (1.0 + (min(max(share, 0.0), _BRIGHTEST) - 1.0) * left)
         else:
             rows[:, column] = usual + (now[column] - day.before[column]) * left
+            if column == _clouds(network):
+                rows[:, column] = np.clip(rows[:, column], 0.0, 100.0)
     return Foreseen(rows, by_shape)
 
 
 def strays(network: Network, day: Day) -> Array:
     """(n_u,): the sd with which each input of `network` strays in the end from what is foreseen: K of a temperature,
-    share of the sun; 0 for what has no shape of the day."""
+    share of the sun, for clouds of the sun that they dim; 0 for what has no shape of the day."""
     found = np.zeros(len(network.inputs))
     squares, products, usual = day.moments
     days = float(day.verified) / len(day.times)
@@ -179,6 +181,9 @@ def strays(network: Network, day: Day) -> Array:
         # A foresight of a day before was off by what is unusual now, less what was left of what was unusual then.
         error = (1.0 + left**2) * squares[column] - 2.0 * left * products[column]
         told = error / max(float(usual[column]), _LITTLE_SUN) if is_sun else error / (1.0 - left**2)
+        if column == _clouds(network):
+            # On the mean of all covers, a percent more of them leaves about one less of the sun.
+            told, is_sun = told / 100.0**2, True
         supposed = _SUN_SD if is_sun else _NEIGHBOUR_SD if fades == NEIGHBOUR_FADES else _OUTDOORS_SD
         found[column] = np.sqrt((days * max(told, 0.0) + _SUPPOSED * supposed**2) / (days + _SUPPOSED))
     return found
@@ -228,7 +233,7 @@ def weather(network: Network, sds: Array, period: float, steps: int, time: int) 
         paths = np.sqrt(1.0 - left**2) * own
         for place in range(1, hours):
             paths[place] += left * paths[place - 1]
-        if is_sun:
+        if is_sun or column == _clouds(network):
             share = np.maximum(1.0 + sds[column] * paths, 0.0)
             # What is cut off below nought must not make it brighter on the whole.
             sun = (share / share.mean(axis=1, keepdims=True) - 1.0)[hour]
@@ -238,14 +243,20 @@ def weather(network: Network, sds: Array, period: float, steps: int, time: int) 
 
 
 def _daily(network: Network) -> list[tuple[int, float, bool]]:
-    """The inputs of `network` that have a shape of the day: temperatures around the zone, and the sun. Their columns,
-    the s in which what is unusual fades, and whether they are the sun."""
+    """The inputs of `network` that have a shape of the day: temperatures around the zone, clouds, and the sun. Their
+    columns, the s in which what is unusual fades, and whether they are the sun."""
     found = [
         (place, NEIGHBOUR_FADES if name.startswith(NEIGHBOUR) else FADES, False)
         for place, name in enumerate(network.boundaries)
     ]
     suns = [name for name in network.heat_channels if network.channel_unit(name) == "W/m2"]
-    return found + [(network.inputs.index(name), SUN_FADES, True) for name in suns]
+    found += [(network.inputs.index(name), SUN_FADES, True) for name in suns]
+    clouds = _clouds(network)
+    return found if clouds is None else [*found, (clouds, SUN_FADES, False)]
+
+
+def _clouds(network: Network) -> int | None:
+    return None if network.clouds is None else network.inputs.index(network.clouds)
 
 
 def _sunny(network: Network) -> Indices:
@@ -255,7 +266,7 @@ def _sunny(network: Network) -> Indices:
     terms = [
         first + place
         for place, term in enumerate(network.terms)
-        if channel is not None and not term.series.startswith((CLEAR, HABIT))
+        if not term.series.startswith(HABIT) and (network.clouds is not None or not term.series.startswith(CLEAR))
     ]
     return np.array([*([] if channel is None else [network.inputs.index(channel)]), *terms], dtype=np.int64)
 

@@ -56,8 +56,8 @@ def fit(
         period: the sampling period, such as "15min"; None takes the usual distance of the rows.
         estimator, estimator_options, levels, max_gap, hold_inputs: as in [[zones]]; None is the daemon's default.
         habits: whether people heat the zone every day at the same hours; None: for the network "auto".
-        sun: "facades", which needs `latitude` and `longitude`, as does "clear-sky", which needs no sensor; "hours", or
-            False; None: as the network "auto" can.
+        sun: "facades", which needs `latitude` and `longitude`, as does "clear-sky", which needs no sensor, and takes
+            clouds [%] from a column cloud_cover; "hours", or False; None: as the network "auto" can.
         floor_area: of the zone [m2], which scales what is thought of it before the first sample.
         construction, built, use: how heavy the building is, such as "heavy", its year, and what the zone is used for,
             such as "office", as in [[zones]]; facts of public studies then inform the first days.

@@ -9,7 +9,7 @@ from zoneinfo import available_timezones
 from adapters.fields.problems import Problems
 from adapters.fields.words import shown, suggestion
 from estimator.network.network import Network
-from estimator.network.presets import AUTO, automatic
+from estimator.network.presets import AUTO, CLOUDS, automatic
 from service.config.checks import check_zone
 from service.config.known_heat import heated, shared
 from service.config.load import completed, read_zone
@@ -63,6 +63,9 @@ def settings_for(
     present = set(map(str, getattr(df, "columns", ())))
     if isinstance(tables, Mapping) and SET_POINTS in present:
         tables = {SET_POINTS: SET_POINTS, **tables}
+    if given.get("sun") != "clear-sky":
+        # Tables of weather have such a column, with which alone nothing can be done.
+        present.discard(CLOUDS)
     resolved = network_of(plain(network), present.union(map(str, tables if isinstance(tables, Mapping) else ())))
     times = clock(df, tz, "the table")
     if given.get("period") is None:

@@ -14,6 +14,8 @@ FARTHEST = 15.0
 """K from its forecast beyond which a sample, if 10 standard deviations away too, is not explained."""
 _SCALE = {"degC": 10.0, "W": 1000.0, "W/m2": 100.0}
 """What a channel of this unit varies by: inputs are divided by it, so that one prior suits all."""
+_CLOUDS = 100.0
+"""% that clouds vary by."""
 
 
 class Regression(OneState):
@@ -27,6 +29,7 @@ class Regression(OneState):
         units = [network.channel_unit(channel) for channel in network.inputs]
         self._nothing = np.full(len(network.parameters), np.nan)
         self._scale = np.array([_SCALE.get(unit, 1.0) for unit in units])
+        self._scale[[channel == network.clouds for channel in network.inputs]] = _CLOUDS
         """(n_u,): what every input varies by."""
         self.level = np.array([LEVEL * (unit == "degC") for unit in units])
         """(n_u,): what it counts from."""

@@ -100,7 +100,7 @@ def _known(network: Network, channel: str) -> bool:
         if heat.channel == channel and heat.gain.parameter is not None:
             signs[heat.gain.parameter] = signs.get(heat.gain.parameter, 0.0) + heat.gain.sign
     learned = {parameter.name for parameter in network.parameters if parameter.free}
-    return not any(sign and name in learned for name, sign in signs.items())
+    return channel != network.clouds and not any(sign and name in learned for name, sign in signs.items())
 
 
 def _window(network: Network, record: Record) -> list[int] | None:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import DAY, Array, Indices
-from estimator.heat.sun import FACES, Geometry, Location, clear_sky, geometry, split, sun
+from estimator.heat.sun import FACES, Geometry, Location, clear_sky, geometry, split, sun, through_clouds
 from estimator.heat.terms import CLEAR, DIFFUSE, HABIT, HABIT_HOURS, HORIZONTAL, SUN_HOURS, sun_channel
 from estimator.network.network import Network
 
@@ -65,6 +65,7 @@ class KnownHeat:
         self._calendar, self._location = calendar, location
         channel = sun_channel(network)
         self._sun = None if channel is None else network.inputs.index(channel)
+        self._clouds = None if network.clouds is None else network.inputs.index(network.clouds)
         known = (*network.inputs, *_ALONE, *(() if self._sun is None else _OF_SUN))
         self._columns = np.array(
             [known.index(name) for name in (*network.inputs, *(term.series for term in network.terms))], dtype=np.int64
@@ -77,12 +78,17 @@ class KnownHeat:
         """Rows (L, n_u + m): `inputs` (L, n_u), then f of every term in W per unit of its coefficient.
 
         `times` (L,) [UTC s] are the beginnings of the intervals over which the inputs are held; f is the mean over the
-        interval. Without terms these are the inputs themselves.
+        interval. Without terms these are the inputs themselves. What a clear sky would give is less under clouds.
         """
         if not self._network.terms:
             return inputs
         timely = self._timely(np.asarray(times, dtype=np.float64))
-        known = [inputs, timely.alone]
+        alone = timely.alone
+        if self._clouds is not None:
+            habits, clear = alone[:, : -len(_LIGHT)], alone[:, -len(_LIGHT)]
+            dimmed = _light(timely.light, clear * through_clouds(inputs[:, self._clouds]))
+            alone = np.concatenate([habits, dimmed], axis=1)
+        known = [inputs, alone]
         if self._sun is not None:
             horizontal = np.maximum(inputs[:, self._sun], 0.0)
             known += [_light(timely.light, horizontal), timely.shares * horizontal[:, None]]

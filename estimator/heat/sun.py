@@ -3,7 +3,8 @@
 Position: Michalsky, "The Astronomical Almanac's algorithm for approximate solar position", Solar Energy 40 (1988),
 within .01 degrees to 2050. Split of the irradiance into diffuse and beam: Erbs, Klein and Duffie, "Estimation of the
 diffuse radiation fraction", Solar Energy 28 (1982). Clear sky: Haurwitz, "Insolation in relation to cloudiness and
-cloud density", Journal of Meteorology 2 (1945), 1098 W/m2 sin(h) exp(-.057 / sin(h)).
+cloud density", Journal of Meteorology 2 (1945), 1098 W/m2 sin(h) exp(-.057 / sin(h)). Clouds: Kasten and Czeplak,
+"Solar and terrestrial radiation dependent on the amount and type of cloud", Solar Energy 24 (1980).
 """
 
 from typing import NamedTuple
@@ -77,6 +78,12 @@ def clear_sky(position: Sun) -> Array:
     each (L, S)."""
     height = np.maximum(position.up, 1e-3)
     return np.where(position.up > 0.0, 1098.0 * height * np.exp(-0.057 / height), 0.0).mean(axis=1)
+
+
+def through_clouds(cover: Array) -> Array:
+    """Share of the horizontal irradiance of a clear sky that is left under a cloud `cover` [%], of any shape; what is
+    beyond 0 to 100 % counts as that."""
+    return np.asarray(1.0 - 0.75 * np.clip(cover / 100.0, 0.0, 1.0) ** 3.4)
 
 
 def diffuse_fraction(clearness: Array) -> Array:

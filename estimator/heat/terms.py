@@ -23,7 +23,8 @@ SUN_HOURS = (6, 9, 12, 15, 18)
 
 DIFFUSE, HORIZONTAL = "diffuse", "horizontal"
 CLEAR, HABIT = "clear_", "habit_"
-"""Before the names of series: what they would be if the sky were clear; heat by the hour, of people."""
+"""Before the names of series: what they would be if the sky were clear, or had the clouds that a channel tells; heat by
+the hour, of people."""
 
 _APERTURE, _APERTURE_SD, _APERTURE_WALK = 1.0, 2.0, 0.03
 _HABIT, _HABIT_SD, _DIFFERENCE_SD, _HABIT_WALK = 200.0, 80.0, 100.0, 5.0

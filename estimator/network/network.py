@@ -124,6 +124,11 @@ class Network:
         return tuple(dict.fromkeys(heat.channel for heat in self.heat_inputs))
 
     @cached_property
+    def clouds(self) -> str | None:
+        """The input [%] that dims the sun of a clear sky, and brings no heat by itself; None without one."""
+        return next((heat.channel for heat in self.heat_inputs if heat.unit == "%" and heat.gain == Gain(0.0)), None)
+
+    @cached_property
     def inputs(self) -> tuple[str, ...]:
         """Channels of the input vector u: boundary temperatures, then heat inputs."""
         return (*self.boundaries, *self.heat_channels)

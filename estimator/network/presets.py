@@ -176,15 +176,17 @@ PRESETS = {
 AUTO = "auto"
 """The name of the network that follows from the channels of its zone."""
 
-SUN, NEIGHBOUR = "I_sol", "T_adj"
-"""The channel of the sun, and how the channels of neighbours begin, in the network that follows from its channels."""
+SUN, CLOUDS, NEIGHBOUR = "I_sol", "cloud_cover", "T_adj"
+"""The channels of the sun and, without one, of the clouds, and how those of neighbours begin, in the network that
+follows from its channels."""
 
 
 def automatic(channels: Collection[str] = ()) -> Network:
     """The network of a zone that has `channels` and nobody chose one for: TiTeThRia with the widest boxes.
 
-    `I_sol` among the channels adds a solar aperture into the room, and every channel that begins with `T_adj` a
-    conductance from the room to that neighbour. The order of the channels does not matter.
+    `I_sol` among the channels adds a solar aperture into the room, otherwise `cloud_cover` an input that dims a clear
+    sky; every channel that begins with `T_adj` adds a conductance from the room to that neighbour. The order of the
+    channels does not matter.
     """
     neighbours = tuple(sorted(channel for channel in channels if channel.startswith(NEIGHBOUR)))
     edges = tuple(Conductance(f"g_i_{channel.removeprefix('T_')}", ("T_i", channel)) for channel in neighbours)
@@ -199,7 +201,10 @@ def automatic(channels: Collection[str] = ()) -> Network:
             description="from the zone's channels: titethria with wide bounds, sun (I_sol) and neighbours (T_adj...)",
         )
     )
-    return network.with_solar("T_i", box(SOLAR_APERTURE, *WIDEST), SUN) if SUN in channels else network
+    if SUN in channels:
+        return network.with_solar("T_i", box(SOLAR_APERTURE, *WIDEST), SUN)
+    clouds = (HeatInput(CLOUDS, "T_i", Gain(0.0), "%"),) if CLOUDS in channels else ()
+    return replace(network, heat_inputs=(*network.heat_inputs, *clouds))
 
 
 PRESETS[AUTO] = automatic()

@@ -20,7 +20,7 @@ from service.records.outlook import SET_POINT_RANGE
 from service.zone.aggregation import AGGREGATES, default_aggregate
 from service.zone.alignment import SETPOINT, unit_of
 
-_MORE_CHANNELS = "; it also takes I_sol for the sun, and neighbours whose names begin with T_adj"
+_MORE_CHANNELS = "; it also takes I_sol for the sun, or else cloud_cover, and neighbours whose names begin with T_adj"
 
 
 @dataclass

@@ -57,14 +57,19 @@ def heated(network: Network, zone: ZoneTable, whereabouts: Whereabouts, place: P
     if zone.use is not None and not habits:
         problems.add((*place, "use"), "says when people heat the zone; add habits = true, or remove use")
     sun = zone.sun if isinstance(zone.sun, str) else None
-    if zone.sun is None and auto and sun_channel(network) is not None:
-        sun = "hours" if whereabouts.location is None else "facades"
+    if zone.sun is None and auto:
+        sun = _usual_sun(network, whereabouts.location)
+    of_clouds = (*place, "channels", str(network.clouds))
+    if network.clouds is not None and sun != "clear-sky":
+        remedy = 'write sun = "clear-sky", which the estimators "bank" and "mkf" have a place for, or remove it'
+        problems.add(of_clouds, f"dims the sun of a clear sky, which this zone does not know; {remedy}")
     try:
         return with_known_heat(
             network, habits=habits, sun=sun, location=whereabouts.location, floor_area=area, use=building.use
         )
     except NetworkError as error:
-        problems.add((*place, "sun"), str(error).removeprefix(f'sun = "{sun}" '))
+        asked_by = of_clouds if zone.sun is None else (*place, "sun")
+        problems.add(asked_by, str(error).removeprefix(f'sun = "{sun}" '))
         return network
 
 
@@ -72,10 +77,17 @@ def usually_heated(
     network: Network, location: Location | None, floor_area: float | None = None, building: Building = NOTHING_KNOWN
 ) -> Network:
     """`network` "auto" with the terms of a zone whose table says nothing of sun and habits, in a `building`."""
-    sun = None if sun_channel(network) is None else "hours" if location is None else "facades"
+    sun = _usual_sun(network, location)
     scaled = network if floor_area is None else _typical_for(network, floor_area)
     told = informed(scaled, building, floor_area)
     return with_known_heat(told, habits=True, sun=sun, location=location, floor_area=floor_area, use=building.use)
+
+
+def _usual_sun(network: Network, location: Location | None) -> str | None:
+    """How the sun comes into the `network` "auto" whose zone leaves it open: the best that its channels allow."""
+    if sun_channel(network) is None:
+        return None if network.clouds is None else "clear-sky"
+    return "hours" if location is None else "facades"
 
 
 def shared(drafts: Sequence[ZoneDraft], problems: Problems) -> None:

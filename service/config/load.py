@@ -10,6 +10,7 @@ from typing import Any
 from adapters.channel import ChannelConfig, SourceConfig, UnboundChannel
 from adapters.csv.parquet import is_parquet, parquet_columns
 from adapters.errors import SourceError
+from adapters.fields.durations import DAY
 from adapters.fields.problems import Model, Place, Problems, unknown_key
 from adapters.fields.values import identifier
 from adapters.fields.words import shown, suggestion
@@ -377,7 +378,10 @@ def read_zone(table: Any, place: Place, sources: Known, problems: Problems, cont
 
 def completed(zone: ZoneTable, network: Network, options: object, whereabouts: Whereabouts) -> ZoneConfig:
     """The checked `zone` of a site, with the defaults of aggregate and valid range that depend on its network."""
-    channels = {name: _filled(channel, network.channel_unit(name)) for name, channel in zone.channels.items()}
+    channels = {
+        name: _filled(channel, network.channel_unit(name), name == network.clouds)
+        for name, channel in zone.channels.items()
+    }
     setpoint = None if zone.setpoint is None else _filled(zone.setpoint, unit_of(network, SETPOINT))
     written = {name: getattr(zone, name) for name in ZoneTable.model_fields}
     resolved = {"network": network, "options": options, "proposes_bounds": proposes_bounds(zone.network)}
@@ -386,11 +390,14 @@ def completed(zone: ZoneTable, network: Network, options: object, whereabouts: W
     return ZoneConfig.model_construct(_fields_set=zone.model_fields_set | set(resolved), **values)
 
 
-def _filled(channel: ChannelConfig, unit: str) -> ChannelConfig:
-    """`channel` with the defaults that depend on the network's `unit` for it."""
+def _filled(channel: ChannelConfig, unit: str, clouds: bool = False) -> ChannelConfig:
+    """`channel` with the defaults that depend on the network's `unit` for it, and on whether it is that of `clouds`:
+    services tell these every hour or less often, and those of some hours ago say more than none."""
     defaults: dict[str, Any] = {}
     if channel.valid is None and channel.aggregate != "energy":
-        defaults["valid"] = default_valid_range(unit)
+        defaults["valid"] = (0.0, 100.0) if clouds else default_valid_range(unit)
+    if channel.max_age is None and clouds:
+        defaults["max_age"] = DAY
     if "aggregate" not in channel.model_fields_set:
         defaults["aggregate"] = default_aggregate(unit, channel.unit)
     return channel.model_copy(update=defaults)

@@ -10,7 +10,7 @@ from estimator.errors import NetworkError
 from estimator.network import presets
 from estimator.network.boxes import box, boxed, is_generic
 from estimator.network.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
-from estimator.network.presets import AUTO, SOLAR_APERTURE, SUN
+from estimator.network.presets import AUTO, CLOUDS, SOLAR_APERTURE, SUN
 from service.config.network_tables import (
     SPREAD_ALONE,
     BoundsConfig,
@@ -89,7 +89,7 @@ def _from_preset(table: PresetConfig, channels: Collection[str], mistakes: Mista
     network = presets.network(table.preset)
     if table.preset == AUTO:
         # What the table says of the sun replaces what follows from the channels.
-        network = presets.automatic([name for name in channels if name != SUN or table.solar is None])
+        network = presets.automatic([name for name in channels if name not in (SUN, CLOUDS) or table.solar is None])
     if table.box is not None:
         if not is_generic(network):
             mistakes[("box",)] = (

@@ -85,9 +85,12 @@ def test_a_network_is_a_name_a_table_or_an_object(model):
 
 
 def test_the_network_auto_follows_from_the_columns():
-    table = room().assign(T_adj=18.0, unused=1.0).rename(columns={"T_i": "Room"})
+    table = room().assign(T_adj=18.0, unused=1.0, cloud_cover=50.0).rename(columns={"T_i": "Room"})
     network = tg.fit(table, "auto", columns={"T_i": "Room"}, **FEW).network
     assert network.channels == ("T_i", "T_out", "T_adj", "u_heat")
+    under_clouds: dict[str, Any] = {"sun": "clear-sky", "latitude": 47.7, "longitude": 9.2, "estimator": "mkf"}
+    network = tg.fit(table, "auto", columns={"T_i": "Room"}, estimator_options={"particles": 8}, **under_clouds).network
+    assert network.channels == ("T_i", "T_out", "T_adj", "u_heat", "cloud_cover")
 
 
 def test_columns_have_other_names_units_and_order(model):

@@ -22,7 +22,7 @@ export function saidNode(own) {
 
 // A channel in the words of people who have no model; others are called as they are.
 export function channelText(channel) {
-  const kind = /^(T_out|T_adj|u_heat|u_cool|I_sol|T_set)(?:_(.+))?$/.exec(channel);
+  const kind = /^(T_out|T_adj|u_heat|u_cool|I_sol|cloud_cover|T_set)(?:_(.+))?$/.exec(channel);
   if (!kind) return channel;
   return t(`channel.${kind[1]}${kind[2] ? ".of" : ""}`, { name: kind[2] });
 }

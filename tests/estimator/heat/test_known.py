@@ -124,19 +124,24 @@ def test_a_long_interval_holds_the_mean_of_the_short_ones():
         np.testing.assert_allclose(of(net, coarse, f"sun_{face}")[day], means[day], atol=0.05 * means.max())
 
 
-def test_under_a_clear_sky_a_zone_without_a_sensor_knows_what_one_would_measure():
+@pytest.mark.parametrize("cover", [None, np.linspace(-10.0, 110.0, 144)])
+def test_under_a_clear_sky_or_known_clouds_a_zone_without_a_sensor_knows_what_one_would_measure(cover):
     times = JUNE + 600.0 * np.arange(144)
     sensed = with_known_heat(ROOM, sun="facades", location=PLACE)
-    clear = with_known_heat(automatic(["T_i", "T_out", "u_heat"]), sun="clear-sky", location=PLACE)
-    inputs = np.column_stack([np.full(144, 10.0), np.full(144, 500.0)])
-    found = KnownHeat(clear, 600.0, calendar, PLACE).drive(times, inputs)
-    measured = np.column_stack([inputs, clear_sky(sun(times[:, None] + 300.0, PLACE))])
+    inputs, left = np.column_stack([np.full(144, 10.0), np.full(144, 500.0)]), np.ones(144)
+    channels, told = ["T_i", "T_out", "u_heat"], inputs
+    if cover is not None:
+        channels, told = [*channels, "cloud_cover"], np.column_stack([inputs, cover])
+        left = 1.0 - 0.75 * np.clip(cover / 100.0, 0.0, 1.0) ** 3.4
+    clear = with_known_heat(automatic(channels), sun="clear-sky", location=PLACE)
+    found = KnownHeat(clear, 600.0, calendar, PLACE).drive(times, told)
+    measured = np.column_stack([inputs, left * clear_sky(sun(times[:, None] + 300.0, PLACE))])
     known = KnownHeat(sensed, 600.0, calendar, PLACE).drive(times, measured)
     assert {term.name for term in clear.terms} == {term.name for term in sensed.terms}
     for term in clear.terms:
         tolerance = 25.0 if term.name == "sun_envelope" else 1e-9
         np.testing.assert_allclose(of(clear, found, term.name), of(sensed, known, term.name), atol=tolerance)
-    assert 900.0 < of(clear, found, "sun_envelope").max() < 1000.0
+    assert 900.0 < (of(clear, found, "sun_envelope") / left).max() < 1000.0
 
 
 def test_priors_grow_with_the_floor_area():

@@ -3,23 +3,14 @@
 from datetime import datetime
 
 import numpy as np
-import pytest
+from support.tables import tabled
 
 from estimator.heat.sun import Location, Sun, diffuse_fraction, geometry, split, sun
 
-POSITIONS = [
-    ("2013-08-21T08:25:00+00:00", 47.87, 11.73, 39.474, 120.576),
-    ("2013-10-30T03:20:00+00:00", 47.87, 11.73, -26.352, 81.335),
-    ("2014-01-29T07:40:00+00:00", 47.87, 11.73, 7.106, 126.879),
-    ("2013-08-21T08:25:00+00:00", -33.9, 18.4, 32.657, 43.237),
-    ("2014-01-29T07:40:00+00:00", -33.9, 18.4, 42.894, 83.205),
-    ("2013-08-21T08:25:00+00:00", 69.0, 20.0, 28.883, 140.713),
-]
-"""Time, latitude, longitude, elevation and azimuth from north by pvlib 0.16.1, `nrel_numpy`, without refraction."""
 
-
-@pytest.mark.parametrize(("time", "latitude", "longitude", "elevation", "azimuth"), POSITIONS)
+@tabled
 def test_the_sun_is_where_the_almanac_has_it(time, latitude, longitude, elevation, azimuth):
+    """Elevation and azimuth from north by pvlib 0.16.1, `nrel_numpy`, without refraction."""
     found = sun(np.array(datetime.fromisoformat(time).timestamp()), Location(latitude, longitude))
     height, bearing = np.radians([elevation, azimuth])
     expected = np.cos(height) * np.sin(bearing), np.cos(height) * np.cos(bearing), np.sin(height)

@@ -15,12 +15,14 @@ from service.config.load import load
 from service.config.site import Config
 from service.config.written import effective_toml
 
+Keys = dict[str, Any] | None
+CLOUDY: dict[str, Any] = {"cloud_cover": {"source": "log", "column": "Sun", "unit": "%"}}
 PLACE = {"latitude": 47.67, "longitude": 9.17, "time_zone": "Europe/Berlin"}
 
 
-def loaded(folder: Path, site: dict[str, Any] | None = None, sunny: bool = True, **zone: Any) -> Config:
-    """The sample with more in [site] and in the table of its first zone."""
-    return load(changed(folder, site, {"I_sol": SUN} if sunny else None, **zone))
+def loaded(folder: Path, site: dict[str, Any] | None = None, more: dict[str, Any] | None = None, **zone: Any) -> Config:
+    """The sample with more in [site] and in the table of its first zone, and `more` channels, by default the sun."""
+    return load(changed(folder, site, {"I_sol": SUN} if more is None else more, **zone))
 
 
 def names(config: Config) -> set[str]:
@@ -28,23 +30,31 @@ def names(config: Config) -> set[str]:
 
 
 def test_an_automatic_zone_knows_habits_and_the_sun_as_far_as_it_can(tmp_path: Path) -> None:
-    assert names(loaded(tmp_path, sunny=False, network="auto")) == {"habit", "habit_weekend"}
+    assert names(loaded(tmp_path, more={}, network="auto")) == {"habit", "habit_weekend"}
     by_hour = names(loaded(tmp_path, network="auto"))
     assert by_hour == {"habit", "habit_weekend", "sun", "horizontal"}
     by_facade = names(loaded(tmp_path, PLACE, network="auto"))
     assert by_facade == {"habit", "habit_weekend", "east", "south", "west", "diffuse", "horizontal"}
     assert names(loaded(tmp_path, PLACE, network="auto", habits=False, sun=False)) == set()
+    assert names(loaded(tmp_path, PLACE, CLOUDY, network="auto")) == {"habit", "habit_weekend", "clear"}
 
 
-@pytest.mark.parametrize(("site", "sunny"), [(PLACE, True), ({}, True), (PLACE, False)])
-def test_experiments_give_a_room_the_network_of_such_a_zone(site: dict[str, Any], sunny: bool, tmp_path: Path) -> None:
-    zone = loaded(tmp_path, site, sunny, network="auto").zones[0]
+def test_clouds_are_those_of_a_sky_and_of_hours_ago(tmp_path: Path) -> None:
+    told = {"cloud_cover": CLOUDY["cloud_cover"] | {"valid": [0, 90], "max_age": "2h"}}
+    channels = [loaded(tmp_path, PLACE, more, network="auto").zones[0].channels for more in (CLOUDY, told)]
+    found = [(one["cloud_cover"].valid, one["cloud_cover"].max_age) for one in channels]
+    assert found == [((0.0, 100.0), 86400.0), ((0.0, 90.0), 7200.0)]
+
+
+@pytest.mark.parametrize(("site", "more"), [(PLACE, None), ({}, None), (PLACE, {}), (PLACE, CLOUDY)])
+def test_experiments_give_a_room_the_network_of_such_a_zone(site: Keys, more: Keys, tmp_path: Path) -> None:
+    zone = loaded(tmp_path, site, more, network="auto").zones[0]
     assert usually_heated(automatic(zone.network.inputs), zone.whereabouts.location) == zone.network
 
 
 def test_other_networks_and_estimators_know_what_is_asked_for(tmp_path: Path) -> None:
-    assert names(loaded(tmp_path, sunny=False)) == set()
-    assert names(loaded(tmp_path, sunny=False, habits=True)) == {"habit", "habit_weekend"}
+    assert names(loaded(tmp_path, more={})) == set()
+    assert names(loaded(tmp_path, more={}, habits=True)) == {"habit", "habit_weekend"}
     assert names(loaded(tmp_path, network="auto", estimator="ekf")) == set()
     solar = {"preset": "titeth", "solar": True}
     assert names(loaded(tmp_path, network=solar, sun="hours")) == {"sun", "horizontal"}
@@ -74,15 +84,7 @@ def test_a_zone_takes_from_the_site_what_it_does_not_say_of_the_building(tmp_pat
     # A prior is no other network: state of before goes on.
     assert fingerprint(own) == fingerprint(plain)
     # What a site says in general is nothing to a network that it does not fit.
-    shed = {
-        "name": "shed",
-        "measured": ["T_i"],
-        "boundaries": ["T_out"],
-        "capacitances": {"T_i": {"lower": 1e5, "upper": 1e7}},
-        "conductances": [{"name": "g", "between": ["T_i", "T_out"], "lower": 1, "upper": 99}],
-        "heat_inputs": [{"channel": "u_heat", "node": "T_i"}],
-    }
-    assert loaded(tmp_path, site, sunny=False, network=shed).zones[0].network.terms == ()
+    assert loaded(tmp_path, site, network="building-67").zones[0].network.terms == ()
 
 
 def test_a_zone_with_state_from_before_goes_on_without(tmp_path: Path) -> None:

@@ -10,6 +10,8 @@ from adapters.units import IDENTITY, conversion
 from adapters.weather.forecast import WeatherForecast, WeatherSeries
 from estimator.foresight import FADES, SUN_FADES, foreseen, no_day, restored, strays, with_inputs
 from estimator.foresight import weather as futures
+from estimator.heat.sun import Location
+from estimator.heat.terms import with_known_heat
 from estimator.network.presets import SOLAR_APERTURE, automatic, network
 from service.forecast.foresight import foresee
 from service.records.outlook import InputOrigin, Weather, WeatherBook, WeatherLink
@@ -20,6 +22,7 @@ DAY = 86400
 NET = network("building-67")
 START = 10 * DAY
 BESIDE = automatic(["T_out", "u_heat", "T_adj_upper"]).validate()
+CLOUDY = with_known_heat(automatic(["cloud_cover"]), sun="clear-sky", location=Location(47.87, 11.73))
 SUNNY = network("tite").with_solar("T_i", SOLAR_APERTURE).validate()
 
 
@@ -77,6 +80,14 @@ def test_the_shape_of_a_temperature_begins_with_the_last_value_and_goes_back():
     assert np.allclose(columns["I_sol"], [sun(time) for time in times])
 
 
+def known_day(days, inputs):
+    """The usual day after so many `days` in which the inputs at a time were those."""
+    day = no_day(len(inputs(START)), PERIOD)
+    for time in range(START, START + days * DAY, PERIOD):
+        day = with_inputs(day, time, np.array(inputs(time)))
+    return day
+
+
 def test_what_is_usual_is_a_mean_of_days_and_the_sun_keeps_the_share_that_it_had_lately():
     day = no_day(3, PERIOD)
     for time in range(START, START + 4 * DAY + DAY // 2, PERIOD):
@@ -92,9 +103,7 @@ def test_what_is_usual_is_a_mean_of_days_and_the_sun_keeps_the_share_that_it_had
 
 
 def test_a_day_that_was_stored_by_itself_is_the_usual_one():
-    day = no_day(1, PERIOD)
-    for time in range(START, START + DAY, PERIOD):
-        day = with_inputs(day, time, np.array([outdoors(time)]))
+    day = known_day(1, lambda time: [outdoors(time)])
     again = restored({name: value for name, value in day._asdict().items() if name in ("times", "inputs", "before")})
     assert all((one == other).all() for one, other in zip(again[:2] + again[3:4], day[:2] + day[3:4], strict=True))
     later = with_inputs(again, START + DAY, np.array([outdoors(START) + 2.0]))
@@ -102,9 +111,7 @@ def test_a_day_that_was_stored_by_itself_is_the_usual_one():
 
 
 def test_a_room_next_door_is_foreseen_as_usual_and_stays_as_far_from_it_as_it_is_now():
-    column, day = BESIDE.inputs.index("T_adj_upper"), no_day(len(BESIDE.inputs), PERIOD)
-    for time in range(START, START + 3 * DAY, PERIOD):
-        day = with_inputs(day, time, np.full(len(BESIDE.inputs), outdoors(time)))
+    column, day = BESIDE.inputs.index("T_adj_upper"), known_day(3, lambda time: [outdoors(time)] * len(BESIDE.inputs))
     times = START + 3 * DAY + PERIOD * np.arange(DAY // PERIOD, dtype=float)
     rows = foreseen(BESIDE, day, np.full(len(BESIDE.inputs), outdoors(times[0] - PERIOD) + 2.0), times).rows
     away = rows[:, column] - [outdoors(time) for time in times]
@@ -145,6 +152,23 @@ def test_futures_of_the_weather_stray_as_far_as_they_should_and_are_the_same_for
     again = drawn.chosen(SUNNY, np.arange(61, 122))
     assert (again.sun == found.sun).all(), "another draw of the same number has the same weather"
     assert not futures(SUNNY, np.zeros(3), PERIOD, 4, START).shifts
+
+
+def test_clouds_come_as_usual_within_what_a_sky_has_and_the_sun_strays_with_them():
+    def usual(time):
+        return 80.0 + 20.0 * np.sin(2 * np.pi * time / DAY)
+
+    day = known_day(3, lambda time: [5.0, 0.0, usual(time)])
+    times = START + 3 * DAY + PERIOD * np.arange(DAY // PERIOD, dtype=float)
+    seen = foreseen(CLOUDY, day, np.array([5.0, 0.0, usual(times[0] - PERIOD) - 50.0]), times)
+    assert seen.by_shape.tolist() == [True, False, True]
+    away = -50.0 * np.exp((times[0] - times) / SUN_FADES)
+    np.testing.assert_allclose(seen.rows[:, 2], usual(times) + away)
+    assert foreseen(CLOUDY, day, np.array([5.0, 0.0, 100.0]), times).rows[:, 2].max() == 100.0
+    assert strays(CLOUDY, day)[2] == pytest.approx(0.4 * np.sqrt(2.0 / 3.0)), "nothing strayed in one day of three"
+    found = futures(CLOUDY, np.array([0.0, 0.0, 0.4]), PERIOD, 96, START).chosen(CLOUDY, np.arange(61))
+    assert found.sun[:, -1].std() == pytest.approx(0.4, rel=0.25)
+    assert [CLOUDY.drive[place] for place in found.sunny] == [term.name for term in CLOUDY.terms]
 
 
 def test_a_fan_uses_it_and_a_plan_goes_before_it():
