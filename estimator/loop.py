@@ -291,6 +291,8 @@ class Loop:
             carried.record,
             inputs,
             thermostat=carried.thermostat,
+            recent=carried.recent,
+            driving=self.driving,
             proposes_bounds=self._proposes_bounds,
         )
         return found._replace(findings=lies.among(found.findings, self.estimator.network, carried.suspicions))

@@ -12,10 +12,13 @@ from estimator.diagnosis.forecasts import implausible
 from estimator.diagnosis.members import carried, disagreement, variants
 from estimator.diagnosis.parameters import LEVELS, at_bound, narrower_bounds, not_identified
 from estimator.diagnosis.record import Record, recorded_days
+from estimator.diagnosis.sky import taken_for_clear
+from estimator.diagnosis.telemetry.recent import Recent
 from estimator.diagnosis.thermostat import disobedience
 from estimator.network.network import Network
+from estimator.statespace.inverse import Driving
 from estimator.thermostat.thermostat import Thermostat
-from estimator.types import Estimator
+from estimator.types import Estimator, ParameterSummary
 
 EVERY = 6 * 3600
 """s between two diagnoses. Quantiles of thousands of particles cost tens of ms, and findings change over days."""
@@ -50,10 +53,12 @@ def diagnose(
     inputs: Array,
     *,
     thermostat: Thermostat,
+    recent: Recent,
+    driving: Driving,
     proposes_bounds: bool = False,
 ) -> Diagnosis:
-    """Every finding about `state`, with the zone's `record`, the `inputs` (n_u,) in force and what is known of its
-    `thermostat`. Nothing is changed.
+    """Every finding about `state`, with the zone's `record`, the `inputs` (n_u,) in force, what is known of its
+    `thermostat`, what was measured in the `recent` fortnight, and what was `driving` the zone then. Nothing is changed.
 
     With `proposes_bounds` narrower bounds are proposed once there is a week of data.
     """
@@ -63,16 +68,18 @@ def diagnose(
     bank = estimator if isinstance(estimator, Bank) else None
     if days >= SETTLED_DAYS:
         if estimator.physical:
-            findings += _of_parameters(estimator, state, record, days, proposes_bounds)
+            summary = estimator.parameters(state, np.array(LEVELS))
+            findings += _of_parameters(estimator.network, summary, record, days, proposes_bounds)
+            heat_loss = float(summary.heat_loss[len(LEVELS) // 2])
+            findings += taken_for_clear(estimator, state, heat_loss, recent, driving)
         if bank is not None:
             findings += disagreement(bank, state, LEVELS) + carried(bank, state)
     return Diagnosis(tuple(findings), variants(bank, state) if bank is not None else ())
 
 
 def _of_parameters(
-    estimator: Estimator, state: Any, record: Record, days: float, proposes_bounds: bool
+    network: Network, summary: ParameterSummary, record: Record, days: float, proposes_bounds: bool
 ) -> list[Finding]:
-    network, summary = estimator.network, estimator.parameters(state, np.array(LEVELS))
     # Bounds are proposed from a model that fits: one that leans against a bound has put its errors into the others.
     misfits = against_balance(network, summary, record) + at_bound(network, summary)
     proposals = []

@@ -9,6 +9,7 @@ MEMBERS_DISAGREE = "members-disagree"
 AGAINST_BALANCE = "heat-loss-against-balance"
 IMPLAUSIBLE = "forecast-implausible"
 MISSES_SOMETHING = "network-misses-something"
+TAKEN_FOR_CLEAR = "sky-taken-for-clear"
 OTHER_VARIANT = "network-variant"
 NARROWER_BOUNDS = "narrower-bounds"
 CALLS_WITHOUT_HEAT = "calls-without-heat"
@@ -47,6 +48,7 @@ FINDINGS = (
     NOT_IDENTIFIED,
     MEMBERS_DISAGREE,
     MISSES_SOMETHING,
+    TAKEN_FOR_CLEAR,
     OTHER_VARIANT,
     NARROWER_BOUNDS,
 )

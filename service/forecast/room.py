@@ -480,6 +480,7 @@ _FROM_FINDINGS = dict.fromkeys(kinds.TELEMETRY, -1) | {
     kinds.HEAT_WITHOUT_CALL: 2,
     kinds.AGAINST_BALANCE: 4,
     kinds.MISSES_SOMETHING: 5,
+    kinds.TAKEN_FOR_CLEAR: 5,
 }
 """Findings that call for something to be done, and how urgent that is; the others are for who reads parameters."""
 _NO_CONTROLLER = "do not let a controller rely on the forecasts yet"

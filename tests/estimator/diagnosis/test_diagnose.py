@@ -18,6 +18,7 @@ from estimator.diagnosis.finding import (
 )
 from estimator.diagnosis.members import carried, disagreement, variants
 from estimator.diagnosis.record import no_record, with_sample
+from estimator.diagnosis.telemetry.recent import nothing_recent
 from estimator.network.presets import automatic, network
 from estimator.registry import build
 from estimator.thermostat.thermostat import no_thermostat
@@ -35,8 +36,9 @@ def run(estimator, data, steps):
 
 
 def diagnosed(estimator, state, seen, inputs, **options):
-    """Of a zone without a thermostat."""
-    return diagnose(estimator, state, seen, inputs, thermostat=no_thermostat(len(inputs)), **options)
+    """Of a zone without a thermostat, and without a fortnight."""
+    options |= {"thermostat": no_thermostat(len(inputs)), "recent": nothing_recent(len(inputs), 600)}
+    return diagnose(estimator, state, seen, inputs, driving=lambda times, rows: rows, **options)
 
 
 def names(diagnosis):
