@@ -41,8 +41,9 @@ class CompiledMixture(ReferenceMixture):
         mean, covariance = np.empty_like(particles.mean), np.empty_like(particles.covariance)
         log_likelihood = np.empty(mean.shape[1])
         kernels.assimilate(
-            self._model.topology.measured, self._shape, outputs, particles, mean, covariance, log_likelihood
-        )
+            self._model.topology.measured, self._shape, self._model.news, outputs, particles,
+            mean, covariance, log_likelihood,
+        )  # fmt: skip
         return Particles(mean, covariance, *particles[2:]), log_likelihood
 
     def sample(self, particles: Particles, index: Indices, normals: Array) -> Array:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import DAY, Array, Indices
+from estimator.arrays import DAY, HOUR, Array, Indices
 from estimator.heat.terms import HABIT
 from estimator.mixture.options import LEARNED, MKFOptions
 from estimator.network.assembly import Topology, topology
@@ -138,6 +138,12 @@ class MixtureModel:
     def gain_node(self) -> int:
         """The state that the gain heats."""
         return int(self.topology.measured[0])
+
+    @property
+    def news(self) -> float:
+        """Share of an update that coefficients and log parameters take."""
+        lasting = self.options.error_hours * HOUR
+        return min(self.period / lasting, 1.0) if lasting > 0.0 else 1.0
 
     @property
     def coefficients(self) -> slice:

@@ -73,6 +73,9 @@ class MKFOptions(VolatilityOptions):
     """Random walk of log sigma_y and of the log of the gain's time constant [per step]."""
     parameter_sd: float = number(0.001, 0, 1)
     """Random walk of every free log parameter [per step], times the learning gate."""
+    error_hours: float = number(0.0, 0, 1000)
+    """How long what the model is off by lasts [h]. Taken for news, each of its samples would make the same mistake about
+    coefficients and parameters surer; so they take only the share period / error_hours of an update, if that is less."""
     scenarios: int = whole(1000, 8, 100_000)
     """Sampled futures that a forecast is made of at most."""
 
@@ -88,6 +91,7 @@ _DRIFT: dict[str, object] = {
     "gain_walk_sd": 0.02,
     "gain_decays": True,
     "alpha_max": 250.0,
+    "error_hours": 6.0,
 }
 _PLAIN: dict[str, object] = {"volatility": "none", "gain": "none", "particles": 128}
 _HABITS: dict[str, object] = {
@@ -104,6 +108,7 @@ _HABITS: dict[str, object] = {
     "process_sd": 0.01,
     "parameter_sd": 0.001,
     "measurement_sd": 0.05,
+    "error_hours": 6.0,
 }
 """For a network with terms of known heat: what is left unknown fades within an hour and has 300 W in the long run, or
 within half a day and has 50 W, with a coarse sensor, which is to `habits` what `steady` is to the others.
@@ -132,6 +137,7 @@ PRESETS: dict[str, Mapping[str, object]] = {
         "gain_sd_min": 0.05,
         "gain_sd_max": 0.05,
         "measurement_sd": 0.3,
+        "error_hours": 0.0,
     },
 }
 """What differs from the defaults above, at a period of 10 minutes."""

@@ -77,6 +77,7 @@ class ReferenceMixture:
                     step.covariance[rows] = covariance[rows] * (noise / (covariance[packed(node, node)] + noise))
                     mean, covariance = step.mean, step.covariance
                     log_likelihood = log_likelihood + step.log_likelihood
+            mean, covariance = self._partly_updated(particles, mean, covariance)
             return particles._replace(mean=self._confined(mean, covariance), covariance=covariance), log_likelihood
 
     def sample(self, particles: Particles, index: Indices, normals: Array) -> Array:
@@ -219,6 +220,19 @@ class ReferenceMixture:
         scale = np.ones(full.shape[:2])
         scale[:, bounded:] = np.sqrt(np.minimum(1.0, self._model.prior_variance / variances))
         return full * scale[:, :, None] * scale[:, None, :]
+
+    def _partly_updated(self, before: Particles, mean: Array, covariance: Array) -> tuple[Array, Array]:
+        """The updated Gaussians of all particles, in which c and phi have taken only their share of the update.
+
+        The covariance is P + D (P' - P) D, for that before, P', and after, P, where D is the root of the rest of the
+        update for c and phi and 0 for x and q: semidefinite as both are (partial update: Brink 2017).
+        """
+        bounded, rest = self._model.size - len(self._model.lower), 1.0 - self._model.news
+        mean, covariance = mean.copy(), covariance.copy()
+        mean[bounded:] += rest * (before.mean[bounded:] - mean[bounded:])
+        rows = [packed(i, j) for i in range(bounded, self._model.size) for j in range(bounded, i + 1)]
+        covariance[rows] += rest * (before.covariance[rows] - covariance[rows])
+        return mean, covariance
 
     def _confined(self, mean: Array, covariance: Array) -> Array:
         """Means with c and phi inside their bounds.

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.special import ndtr
 from support.forecasts import mean_path, unfolded
 from support.small_building import PERIOD, TRUTH, building, known, record, textbook_kalman, two_rooms
@@ -211,6 +212,25 @@ def test_parameters_come_close_to_the_truth_and_their_intervals_hold_it():
     np.testing.assert_allclose(summary.parameters[:, 1], truth, rtol=0.25)
     # Particles that sample nothing are not copied: those without weight are gone.
     assert state.mean.shape[1] < estimator.options.particles
+
+
+def test_what_lasts_for_hours_is_no_news_about_parameters():
+    """Heat that nobody measures, of 300 W and six hours: only who knows that errors last has intervals that hold."""
+    net, left = building(), np.exp(-PERIOD / (6 * 3600))
+    truth, held = np.array([TRUTH[parameter.name] for parameter in net.parameters]), {0.0: [], 6.0: []}
+    for seed in (1, 2, 3):
+        data, noise = record(1000, seed), np.random.default_rng(seed).standard_normal(1000)
+        told = data.inputs.copy()
+        told[:, 1] -= lfilter([300.0 * np.sqrt(1.0 - left**2)], [1.0, -left], noise)
+        for hours, found in held.items():
+            options = {"measurement_sd": 0.05, "process_sd": 0.01, "error_hours": hours}
+            estimator = build("mkf", net, PERIOD, {"preset": "output-error", **options})
+            state = estimator.start(4, data.outputs[0], told[0])
+            for u, y in zip(told[:-1], data.outputs[1:], strict=True):
+                state = estimator.update(estimator.predict(state, u), y).state
+            low, high = estimator.parameters(state, np.array([0.025, 0.975])).parameters.T
+            found += ((low < truth) & (truth < high)).tolist()
+    assert np.mean(held[0.0]) < 0.5 < 0.8 < np.mean(held[6.0])
 
 
 @pytest.mark.parametrize("preset", ["jump", "drift", "free"])
