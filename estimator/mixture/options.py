@@ -91,7 +91,7 @@ _DRIFT: dict[str, object] = {
     "gain_walk_sd": 0.02,
     "gain_decays": True,
     "alpha_max": 250.0,
-    "error_hours": 6.0,
+    "error_hours": 2.0,
 }
 _PLAIN: dict[str, object] = {"volatility": "none", "gain": "none", "particles": 128}
 _HABITS: dict[str, object] = {
@@ -108,7 +108,7 @@ _HABITS: dict[str, object] = {
     "process_sd": 0.01,
     "parameter_sd": 0.001,
     "measurement_sd": 0.05,
-    "error_hours": 6.0,
+    "error_hours": 2.0,
 }
 """For a network with terms of known heat: what is left unknown fades within an hour and has 300 W in the long run, or
 within half a day and has 50 W, with a coarse sensor, which is to `habits` what `steady` is to the others.

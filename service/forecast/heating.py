@@ -231,18 +231,17 @@ class _Outcome(NamedTuple):
         )
 
     def stretched(self, scale: Array) -> Self:
-        """As wide as energies of plans proved to be. What differs between two plans has no such record."""
+        """With energy and cost as wide as they are known to have to be."""
         cost = None if self.cost is None else self.cost.stretched(scale)
         return self._replace(energy=self.energy.stretched(scale), cost=cost)
 
     def less(self, other: Self) -> "_Outcome":
         """The difference to `other`, of the same futures under another plan."""
-        cost = None
+        energy, cost = answers.difference(self.energy, other.energy), None
         if self.cost is not None and other.cost is not None:
             cost = answers.difference(self.cost, other.cost)
-        return _Outcome(
-            answers.difference(self.energy, other.energy), cost, answers.difference(self.hours_below, other.hours_below)
-        )
+        whole = _Outcome(energy, cost, answers.difference(self.hours_below, other.hours_below))
+        return whole.stretched(energy.unsure())
 
     def ranges(self, least: float = -np.inf) -> tuple[Range, Range | None, Range]:
         """Energy, of `least` kWh, cost, which may be negative as prices are, and hours."""

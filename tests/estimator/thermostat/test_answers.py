@@ -62,8 +62,11 @@ def test_what_two_plans_have_in_common_cancels_out():
     shared = 5.0 * rng.standard_normal((500, 1))
     weights = np.full((500, 1), 1 / 500)
     warm, cool = (Amounts(shared + k, weights, np.full(500, -1)) for k in (10.0, 9.0 + 0.01 * rng.random((500, 1))))
-    low, high = difference(warm, cool).quantiles(np.array([0.025, 0.975]))[0]
+    found, levels = difference(warm, cool), np.array([0.025, 0.975])
+    low, high = found.quantiles(levels)[0]
     assert 0.99 <= low <= high <= 1.0
+    spread = np.std(found.stretched(found.unsure()).values)
+    assert spread == pytest.approx(0.25 * found.mean()[0], rel=0.01), "all models may err by a quarter"
 
 
 def test_hours_below_a_set_point_leave_out_steps_without_one():
