@@ -366,7 +366,8 @@ def assimilate(measured, shape, share, outputs, old, mean, covariance, log_likel
                 for i in range(whole):
                     for w in range(width):
                         spread[place_of(i, node), w] = column[i, w] * kept[w]
-        _take_back(old, first, whole - shape.lower.shape[0], 1.0 - share, width, now, spread)
+        if share < 1.0:
+            _take_back(old, first, whole - shape.lower.shape[0], 1.0 - share, width, now, spread)
         _confine(shape, width, gain, now, spread)
         store(now, first, width, mean)
         store(spread, first, width, covariance)
