@@ -95,12 +95,6 @@ def check_nothing_passed_in_is_changed(estimator):
     assert [array.tobytes() for array in estimator.pack(state).values()] == before
 
 
-def check_predicting_twice_gives_the_same(estimator):
-    state, _ = run(estimator, start(estimator), 5)
-    twice = [estimator.predict(state, inputs_of(estimator)) for _ in range(2)]
-    assert_same_bits(estimator, *twice)
-
-
 def check_a_forecast_repeats(estimator):
     state, _ = run(estimator, start(estimator), 5)
     plan = np.tile(inputs_of(estimator), (3, 1))

@@ -31,10 +31,17 @@ LASTING = ((Fault.FAIL_FROM_HERE, errno.EIO), (Fault.FAIL_FROM_HERE, errno.ENOSP
 DEADLY = (Fault.KILL, Fault.TEAR_AND_KILL)
 
 
-def hold_sentence(error: ServiceError, root: Path) -> None:
-    """Hold that `error` is one sentence that names its place."""
-    assert "\n" not in str(error), error
-    assert str(root.parent) in str(error), error
+def fails(attempt: Callable[[], object], root: Path) -> bool:
+    """Whether `attempt` fails, which it has to tell in one sentence that names its place."""
+    try:
+        attempt()
+    except ServiceError as error:
+        told = str(error)
+    else:
+        return False
+    assert "\n" not in told, told
+    assert str(root.parent) in told, told
+    return True
 
 
 class Trial:
@@ -70,10 +77,7 @@ class Trial:
         self._shim.arm(position, fault, number)
         told = 0
         for step in workload.steps:
-            try:
-                step()
-            except ServiceError as error:
-                hold_sentence(error, root)
+            if fails(step, root):
                 told += 1
                 if lasting:
                     self._shim.disarm()
@@ -87,21 +91,10 @@ class Trial:
         """An operation that only seems to be done may lose something, which is told, but never changes a bit."""
         root, workload = self._fresh()
         self._shim.arm(position, Fault.DROP)
-        told = False
-        for step in workload.steps:
-            try:
-                step()
-            except ServiceError as error:
-                hold_sentence(error, root)
-                told = True
-                break
+        told = any(fails(step, root) for step in workload.steps)
         self._shim.disarm()
         del workload.steps
-        try:
-            workload.verify(root, 0, exactly=False)
-        except ServiceError as error:
-            hold_sentence(error, root)
-            told = True
+        told |= fails(lambda: workload.verify(root, 0, exactly=False), root)
         self.counts["dropped and told" if told else "dropped"] += 1
 
     def killed(self, position: int, fault: Fault) -> None:

@@ -17,6 +17,10 @@ EXAMPLES = ROOT / "deploy" / "examples"
 PACKAGES = ("estimator", "adapters", "service", "replay", "thermogate")
 SHARED = ROOT.parent / "shared" / "data"
 FLEXHOUSE = SHARED / "flexhouse_prbs1" / "inputPRBS1.csv"
+# A script's background has Ctrl-C ignored, which its processes inherit.
+_HEEDING = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
+INTERRUPTIBLE = [sys.executable, "-c", f"{_HEEDING}; from service.cli.main import main; sys.exit(main())"]
+"""`thermogate` as a process that Ctrl-C ends wherever it was started."""
 
 
 def thermogate(*arguments: object) -> subprocess.CompletedProcess[str]:

@@ -15,12 +15,12 @@ import pytest
 from dateutil.tz import tzoffset
 from support.golden_site import TWO_SENSORS
 from support.harness import python
+from support.saved_models import as_saved_before
 from support.tables import tabled
 
 import thermogate as tg
 from estimator.network import presets
 from service.config.site import ZoneTable
-from service.store.checkpoint import decode, encode
 
 FEW: dict[str, Any] = {"estimator": "ekf"}
 MISTAKES = json.loads(Path(__file__).with_name("mistakes.json").read_text(encoding="utf-8"))
@@ -277,20 +277,12 @@ def test_sun_and_habits_are_learned_told_and_saved(tmp_path):
     # Saved before there was such heat, a model of the network that follows from the columns goes on without.
     without = tg.fit(table, "auto", habits=False, sun=False, **options)
     assert without.known_heat().empty
-    without.save(tmp_path / "without.npz")
-    now = decode((tmp_path / "without.npz").read_bytes(), tmp_path)
-    settings = {key: value for key, value in now.meta["settings"].items() if key not in ("habits", "sun")}
-    (tmp_path / "then.npz").write_bytes(encode(now._replace(meta={**now.meta, "settings": settings})))
-    assert tg.load(tmp_path / "then.npz").network.terms == ()
+    assert as_saved_before(without, tmp_path, settings=("habits", "sun")).network.terms == ()
 
 
 def test_a_model_saved_before_the_default_changed_goes_on_as_what_it_was(tmp_path):
     model = tg.fit(room(samples=10), "tite", estimator="rbpf")
-    model.save(tmp_path / "now.npz")
-    now = decode((tmp_path / "now.npz").read_bytes(), tmp_path)
-    settings = {key: value for key, value in now.meta["settings"].items() if key != "estimator"}
-    (tmp_path / "then.npz").write_bytes(encode(now._replace(meta={**now.meta, "settings": settings})))
-    loaded = tg.load(tmp_path / "then.npz")
+    loaded = as_saved_before(model, tmp_path, settings=("estimator",))
     assert loaded.estimator == "rbpf"
     assert_same(loaded, model)
 

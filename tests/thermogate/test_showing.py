@@ -6,10 +6,10 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
+from support.saved_models import as_saved_before
 from support.thermostat_house import table
 
 import thermogate as tg
-from service.store.checkpoint import decode, encode
 
 pytest.importorskip("matplotlib")
 
@@ -154,11 +154,7 @@ def test_a_report_that_cannot_be_made_is_refused_in_one_sentence(model, tmp_path
 
 
 def test_a_model_saved_before_there_were_reports_says_so(model, tmp_path):
-    model.save(tmp_path / "m.npz")
-    now = decode((tmp_path / "m.npz").read_bytes(), tmp_path)
-    then = {name: value for name, value in now.arrays.items() if not name.startswith("trace.")}
-    (tmp_path / "then.npz").write_bytes(encode(now._replace(arrays=then)))
-    old = tg.load(tmp_path / "then.npz")
+    old = as_saved_before(model, tmp_path, arrays=("trace.",))
     assert old.predictions.equals(model.predictions)
     with pytest.raises(tg.DataError, match="kept no history in it; fit it again"):
         old.report(tmp_path / "room.html")

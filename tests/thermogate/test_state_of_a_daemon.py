@@ -1,22 +1,18 @@
 """`tg.load` of a state folder: what a daemon has learned of a zone, in a notebook."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from support.daemon_state import leave_state
 from support.thermostat_house import recorded, table
 
 import thermogate as tg
-from adapters.reading import Quality
-from service.config.fitting import fingerprint, make_worker
-from service.config.kept import keep_configuration
 from service.config.load import load
 from service.records.sample import Sample
-from service.store.checkpoint import CheckpointStore
-from service.store.journal import Journal
 from service.store.store import CHECKPOINTS, JOURNAL
-from service.zone import snapshot
 
 PERIOD = 1800
 OUTPUTS, INPUTS, SETPOINTS = recorded(4, PERIOD)
@@ -29,18 +25,11 @@ def folder(tmp_path_factory):
     """What a daemon leaves of the first days, with the newest checkpoint some samples before the end."""
     folder = tmp_path_factory.mktemp("state")
     config = load(Path(__file__).with_name("plant.toml"), [f'site.state_dir="{folder}"'])
-    (zone,) = config.zones
-    worker, journal, mark = make_worker(zone), Journal.open(folder / JOURNAL), fingerprint(zone)
-    journal.claim("office", mark)
-    good = (Quality.GOOD,)
-    for row, when in enumerate(TABLE.index[:CUT]):
-        sample = Sample(int(when.timestamp()), OUTPUTS[row], INPUTS[row], good, good * 2, float(SETPOINTS[row]))
-        journal.append_all([("office", sample)])
-        journal.record("office", worker.step(sample))
-        if row == CUT - 10:
-            CheckpointStore(folder / CHECKPOINTS).save("office", snapshot.take(worker, mark, zone.estimator))
-    journal.close()
-    keep_configuration(config)
+    samples = (
+        Sample.measured(int(when.timestamp()), OUTPUTS[row], INPUTS[row])._replace(setpoint=float(SETPOINTS[row]))
+        for row, when in enumerate(TABLE.index[:CUT])
+    )
+    worker, _ = leave_state(config, samples, CUT - 10)
     return folder, worker
 
 
@@ -95,11 +84,7 @@ def test_its_history_is_that_of_the_daemon(folder, tmp_path):
     ],
 )
 def test_what_cannot_be_loaded_is_a_sentence(spoil, zone, sentence, folder, tmp_path):
-    for path in folder[0].rglob("*"):
-        if path.is_file() and "-" not in path.name.partition(".")[2]:
-            target = tmp_path / path.relative_to(folder[0])
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(path.read_bytes())
+    shutil.copytree(folder[0], tmp_path, ignore=shutil.ignore_patterns(f"{JOURNAL}-*"), dirs_exist_ok=True)
     spoil(tmp_path)
     with pytest.raises(tg.ServiceError, match=sentence) as told:
         tg.load(tmp_path, zone)

@@ -91,11 +91,15 @@ def test_a_message_is_parsed_once_for_all_channels_that_read_it(monkeypatch: pyt
         assert len(parsed) == 1
 
 
-async def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered_meanwhile(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+@pytest.fixture
+def sliced(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The loop has its turn after every message, and at most 100 readings are delivered together."""
     for name, value in (("SLICE_SECONDS", 0.0), ("TOGETHER_SECONDS", float("inf")), ("MOST_TOGETHER", 100)):
         monkeypatch.setattr(subscribed, name, value)
+
+
+@pytest.mark.usefixtures("sliced")
+async def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered_meanwhile() -> None:
     inbox = Inbox(["k"], 1000)
     for _ in range(250):
         inbox.put("k", came("k"))
@@ -105,11 +109,8 @@ async def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered
     assert turns() >= 240
 
 
-async def test_a_message_of_much_for_many_channels_takes_turns_with_the_messages_of_other_keys(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    for name, value in (("SLICE_SECONDS", 0.0), ("TOGETHER_SECONDS", float("inf")), ("MOST_TOGETHER", 100)):
-        monkeypatch.setattr(subscribed, name, value)
+@pytest.mark.usefixtures("sliced")
+async def test_a_message_of_much_for_many_channels_takes_turns_with_the_messages_of_other_keys() -> None:
     inbox, rooms, records = Inbox(["k", "calm"], 1000), range(5), range(100)
     for first in (0, 1):
         pack = [{"n": "T", "v": 20 + first, "t": -k} for k in reversed(records)]

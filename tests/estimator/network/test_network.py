@@ -24,6 +24,11 @@ PARAMETERS = network("tite").parameters
 MISTAKES = {
     "no state node": (tite(capacitances={}), "no state node"),
     "no boundary": (tite(boundaries=()), "no boundary node"),
+    "boundary alone": (tite(boundaries=("T_out", "T_ground")), "'T_ground' has no conductance"),
+    "boundaries joined": (
+        replace(with_edges(Conductance("g_b", ("T_out", "T_ground"))), boundaries=("T_out", "T_ground")),
+        "connects two boundary nodes",
+    ),
     "one name twice": (tite(boundaries=("T_out", "T_i")), "'T_i' is used for two"),
     "nothing measured": (tite(measured=()), "no node is measured"),
     "measured unknown": (tite(measured=("T_x",)), "'T_x' is not a state node; the state nodes are T_i, T_e"),
@@ -76,17 +81,6 @@ def test_a_node_without_a_way_to_a_boundary_is_named():
     loose = replace(base, conductances=tuple(kept), parameters=tuple(p for p in base.parameters if p.name != "g_ih"))
     with pytest.raises(NetworkError, match="'T_h' is not tied to any boundary"):
         loose.validate()
-
-
-def test_a_boundary_without_conductance_is_named():
-    with pytest.raises(NetworkError, match="'T_ground' has no conductance"):
-        tite(boundaries=("T_out", "T_ground")).validate()
-
-
-def test_two_boundaries_joined_are_named():
-    base = with_edges(Conductance("g_b", ("T_out", "T_ground")))
-    with pytest.raises(NetworkError, match="connects two boundary nodes"):
-        replace(base, boundaries=("T_out", "T_ground")).validate()
 
 
 def test_inputs_are_boundaries_then_heat_and_one_channel_may_feed_two_nodes():

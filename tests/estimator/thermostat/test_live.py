@@ -201,6 +201,12 @@ def test_a_black_box_has_no_answer_to_a_plan_of_set_points():
     assert len(fan.outputs.means) == DAILY + 1
 
 
+def bits(zone):
+    """The arrays of everything that forecasts and estimator of `zone` carry."""
+    carried = zone.forecasts.pack(zone.live) | zone.estimator.pack(zone.state)
+    return {name: array.tobytes() for name, array in carried.items()}
+
+
 BANK = {
     "members": {
         "jump": {"estimator": "mkf", "particles": 24, "scenarios": 64},
@@ -211,23 +217,12 @@ BANK = {
 }
 
 
-def test_a_bank_goes_on_from_a_checkpoint_with_the_same_bits_and_asking_changes_nothing():
-    data = recorded(3, PERIOD)
-    zone = Zone("bank", BANK).run(data, 0, 2 * DAILY)
-    other = Zone("bank", BANK)
-    other.state = other.estimator.unpack(zone.estimator.pack(zone.state))
-    other.live = other.forecasts.unpack(zone.forecasts.pack(zone.live))
-    other.thermostat, other.before, other.day = zone.thermostat, zone.before, zone.day
-    rows = np.tile(zone.before, (DAILY, 1))
-    for _ in range(2):
-        zone.forecasts.unplanned(zone.live, zone.now(), ahead(rows))
-        zone.forecasts.planned(zone.live, zone.now(), rows[:, 0] + 15.0, ahead(rows))
-    for each in (zone, other):
-        each.run(data, 2 * DAILY, 2 * DAILY + 30)
-    first, second = (each.forecasts.pack(each.live) for each in (zone, other))
-    assert first.keys() == second.keys()
-    for name, values in first.items():
-        assert values.tobytes() == second[name].tobytes(), name
+def test_asking_a_bank_changes_nothing():
+    zone = Zone("bank", BANK).run(recorded(3, PERIOD), 0, 2 * DAILY)
+    rows, before = np.tile(zone.before, (DAILY, 1)), bits(zone)
+    zone.forecasts.unplanned(zone.live, zone.now(), ahead(rows))
+    zone.forecasts.planned(zone.live, zone.now(), rows[:, 0] + 15.0, ahead(rows))
+    assert bits(zone) == before
 
 
 def test_a_member_that_does_not_count_under_plans_is_judged_as_well_and_can_come_back():

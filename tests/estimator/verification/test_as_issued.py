@@ -73,6 +73,8 @@ def test_the_scores_are_those_of_the_fans_that_were_issued(name):
     expected = IssuedScores(count, *(column / count for column in means))
     found = scores(loop, life[-1][0], steps - 1)
     assert loop.as_issued.leads == tuple(PERIOD * lead for lead in LEADS)
+    # One of an hour, six of six hours, and twenty-four of a day.
+    assert len(life[-1][0].standing.issued.waiting.due) == 1 + 6 + 24
     for name, values, others in zip(found._fields, found, expected, strict=True):
         np.testing.assert_allclose(values, np.sqrt(others) if name.endswith("rmse") else others, rtol=1e-5)
 
@@ -87,17 +89,6 @@ def test_a_missing_measurement_is_no_error_and_a_gap_ends_what_was_waiting():
     assert len(carried.standing.issued.waiting.due)
     assert (after.standing.issued.waiting.due > 2).all()
     assert after.standing.issued.book.sums.sum() == carried.standing.issued.book.sums.sum()
-
-
-def test_what_waits_is_kept_with_the_same_bits():
-    loop = loop_of()
-    issued = lived(loop, 3 * DAY)[-1][0].standing.issued
-    again = loop.as_issued.unpack(loop.as_issued.pack(issued))
-    for part, other in zip((*issued.waiting, *issued.book), (*again.waiting, *again.book), strict=True):
-        assert part.dtype == other.dtype
-        assert part.tobytes() == other.tobytes()
-    # One of an hour, six of six hours, and twenty-four of a day.
-    assert len(issued.waiting.due) == 1 + 6 + 24
 
 
 def test_a_checkpoint_without_it_begins_empty():

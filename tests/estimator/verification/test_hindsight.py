@@ -51,25 +51,6 @@ def test_issues_keep_to_their_phase(phase):
     assert {step % 2 for step in issued} == {phase % 2}
 
 
-def test_pending_forecasts_survive_as_arrays():
-    hindsight = Hindsight(NETWORK, [EKF, build("arx", NETWORK, PERIOD, {})], PERIOD)
-    arx = build("arx", NETWORK, PERIOD, {})
-    pending, state, own = hindsight.start(), EKF.start(1, np.array([20.0]), np.zeros(2)), None
-    own = arx.start(1, np.array([20.0]), np.zeros(2))
-    for k in range(20):
-        given = np.array([3.0, 100.0 * k])
-        state, own = EKF.predict(state, given), arx.predict(own, given)
-        pending = hindsight.advance(pending, given, [state, own], 0, lambda k=k: np.array([k, 0.5]))
-    back = hindsight.unpack(hindsight.pack(pending))
-    assert back.step == pending.step
-    assert [issue.step for issue in back.issues] == [issue.step for issue in pending.issues]
-    for left, right in zip(hindsight.due(pending), hindsight.due(back), strict=True):
-        assert left.note.tobytes() == right.note.tobytes()
-        for a, b in zip(left.mixtures, right.mixtures, strict=True):
-            assert a.means.tobytes() == b.means.tobytes()
-    assert hindsight.unpack(hindsight.pack(hindsight.start())).issues == ()
-
-
 def test_what_waits_is_bounded():
     _, _, duties = played(200, Hindsight(NETWORK, [EKF], PERIOD))
     pending = duties[-1][2]

@@ -5,11 +5,11 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.harness import INTERRUPTIBLE
 from support.tables import tabled
 from support.waiting import wait_until
 
@@ -155,10 +155,8 @@ def two_rooms(folder):
 
 def learned_by_command(folder, *, interrupted=False):
     """What the command told, ended by Ctrl-C after the first checkpoint of both rooms where it is `interrupted`."""
-    heeding = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    command = [sys.executable, "-c", f"{heeding}; from service.cli.main import main; sys.exit(main())"]
     options = ["learn", "plant.toml", "--from", "history.toml", "--jobs", "2"]
-    with subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True, cwd=folder) as process:
+    with subprocess.Popen([*INTERRUPTIBLE, *options], stderr=subprocess.PIPE, text=True, cwd=folder) as process:
         if interrupted:
             wait_until(
                 lambda: {path.parent.name for path in folder.glob("state/checkpoints/*/*.npz")} == {"first", "second"}

@@ -2,12 +2,14 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.daemon_state import leave_state
 from support.tables import tabled
 
 from estimator.diagnosis.finding import AT_BOUND, Diagnosis, Finding
@@ -24,18 +26,14 @@ from replay.reports.page import report
 from replay.reports.publish import publish_report
 from replay.reports.tables import parameters, percent
 from service.cli.main import main
-from service.config.fitting import fingerprint, make_worker
-from service.config.kept import keep_configuration
 from service.config.load import load
 from service.errors import ServiceError, StateMismatch
 from service.forecast.answers import ToDo
 from service.publish.payloads import NextHeatingPayload
 from service.records.sample import Sample
 from service.records.trust import HorizonTrust, Trust
-from service.store.checkpoint import CheckpointStore
 from service.store.journal import Journal
 from service.store.store import CHECKPOINTS, CONFIGURATION, JOURNAL, locked
-from service.zone import snapshot
 
 EXAMPLE = Path(__file__).parents[3] / "deploy" / "examples" / "building-67.toml"
 ZONE = "building-67"
@@ -56,21 +54,9 @@ def replayed(tmp_path_factory):
 def state(tmp_path_factory, replayed):
     """What a daemon would have left of the same recording, with a checkpoint at two thirds."""
     folder, (trace,) = tmp_path_factory.mktemp("state"), replayed[1]
-    settings = config(folder)
-    (zone,) = settings.zones
-    worker, journal, mark = make_worker(zone), Journal.open(folder / JOURNAL), fingerprint(zone)
-    journal.claim(ZONE, mark)
-    good = trace.inputs[0] * 0 == 0
-    qualities = tuple(np.where(good, "good", "bad"))
-    for place, row in enumerate(trace.rows):
-        sample = Sample(row.time, np.array([row.y]), trace.inputs[place], ("good",), qualities)
-        journal.append_all([(ZONE, sample)])
-        journal.record(ZONE, worker.step(sample))
-        if place == 2 * len(trace.rows) // 3:
-            CheckpointStore(folder / CHECKPOINTS).save(ZONE, snapshot.take(worker, mark, zone.estimator))
-            skill = worker.skill()
-    journal.close()
-    keep_configuration(settings)
+    rows = zip(trace.rows, trace.inputs, strict=True)
+    samples = (Sample.measured(row.time, np.array([row.y]), inputs) for row, inputs in rows)
+    _, skill = leave_state(config(folder), samples, 2 * len(trace.rows) // 3)
     return folder, skill
 
 
@@ -264,8 +250,7 @@ def test_a_set_point_is_drawn_and_changes_no_forecast(tmp_path):
 
 def test_the_page_of_an_earlier_replay_does_not_stand_for_one_that_fails(tmp_path, capsys):
     (tmp_path / "report.html").write_text("of yesterday")
-    example = str(Path(__file__).parents[3] / "deploy" / "examples" / "building-67.toml")
-    assert main(["replay", example, "--out", str(tmp_path), "--start", "2030-01-01T00:00:00Z"]) == 1
+    assert main(["replay", str(EXAMPLE), "--out", str(tmp_path), "--start", "2030-01-01T00:00:00Z"]) == 1
     assert "no usable sample" in capsys.readouterr().err
     assert not (tmp_path / "report.html").exists()
 
@@ -370,11 +355,7 @@ def test_a_folder_without_state_and_one_of_another_configuration_are_said(state,
 
 def test_a_damaged_checkpoint_is_passed_over_and_stays(state, tmp_path):
     folder, _ = state
-    for path in folder.rglob("*.*"):
-        target = tmp_path / path.relative_to(folder)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if path.is_file():
-            target.write_bytes(path.read_bytes())
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     (damaged,) = (tmp_path / CHECKPOINTS / ZONE).iterdir()
     damaged.write_bytes(b"not a checkpoint")
     (trace,) = stored_traces(tmp_path, load(folder / CONFIGURATION).zones, None, progress=False)

@@ -15,8 +15,10 @@ def test_same_seed_same_numbers_and_fewer_days_are_a_beginning() -> None:
     long, short = generate(None, days=4, seed=5), generate(None, days=2, seed=5)
     assert len(short.times) == 2 * 144
     np.testing.assert_array_equal(long.truth.states[: 2 * 144], short.truth.states)
-    np.testing.assert_array_equal(generate(None, days=2, seed=5).columns["T_i"], short.columns["T_i"])
-    assert (generate(None, days=2, seed=6).columns["T_i"] != short.columns["T_i"]).any()
+    again, other = (generate(None, days=2, seed=seed).columns for seed in (5, 6))
+    for name in ("T_i", "T_out", "I_sol"):
+        np.testing.assert_array_equal(again[name], short.columns[name])
+        assert (other[name] != short.columns[name]).any()
 
 
 def test_label_marks_the_interval_that_ends_at_the_step() -> None:

@@ -8,13 +8,6 @@ from replay.simulated.weather import KONSTANZ, solar_time, weather
 YEAR_2025 = midnight(2025, 1, 1, "UTC") + 600 * np.arange(365 * 144)
 
 
-def test_same_arguments_give_the_same_weather_and_another_seed_another() -> None:
-    times = YEAR_2025[:1000]
-    first, again, other = (weather(times, seed) for seed in (3, 3, 4))
-    np.testing.assert_array_equal(first, again)
-    assert np.abs(first.outdoor - other.outdoor).max() > 0.5
-
-
 def test_the_sun_is_highest_at_twelve_by_its_own_time() -> None:
     solstice = midnight(2025, 6, 21, "UTC") + 60 * np.arange(1440)
     # 9.18 degrees east: the sun is highest 36.7 min before 12 UTC, and 2 min later for the equation of time.

@@ -8,7 +8,6 @@ from support.config_samples import sound, write
 from support.tables import tabled
 
 from adapters.fields.durations import format_duration, parse_duration
-from service.cli.show import summary
 from service.config.fitting import fingerprint
 from service.config.load import load
 
@@ -60,4 +59,3 @@ def test_a_set_point_is_delivered_beside_the_channels(tmp_path: Path) -> None:
     assert told == (-math.inf, math.inf), "whoever gives `valid` has said what is usual"
     assert fingerprint(zone) == fingerprint(without.zones[0]), "what was learned goes on"
     assert "living/setpoint" not in [binding.id for binding in without.bindings("log")]
-    assert "  setpoint [degC]: mean of Bedroom [K] from log" in summary(config)

@@ -22,10 +22,6 @@ def on_modbus(folder: Path, heat: dict[str, Any], **source: object) -> dict[str,
     return tables
 
 
-def warnings(folder: Path, tables: dict[str, Any]) -> tuple[str, ...]:
-    return load(write(folder, tables)).warnings
-
-
 @tabled
 def test_no_word_where_it_is_meant(heat: dict[str, Any], source: dict[str, Any], tmp_path: Path) -> None:
-    assert warnings(tmp_path, on_modbus(tmp_path, heat, **source)) == ()
+    assert load(write(tmp_path, on_modbus(tmp_path, heat, **source))).warnings == ()

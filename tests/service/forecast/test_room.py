@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from support.forecasts import asked as answer
 from support.thermostat_house import recorded
+from support.zone_samples import fed
 from support.zone_samples import worker as new
 
 import thermogate as tg
@@ -246,18 +247,15 @@ def test_it_cools_and_heats_as_fast_as_the_house(worker):
 
 def test_a_room_that_was_never_left_unheated_cools_without_heating():
     """Regressions, which carry most of a young bank, know no such thing."""
-    bank = new("bank", "tite", 1800, hold_inputs=1800.0)
-    for k in range(60):
-        bank.step(Sample.measured(k * 1800, np.array([21.0 + 0.05 * (k % 2)]), np.array([0.0, 1500.0])))
+    told = (Sample.measured(k * 1800, np.array([21.0 + 0.05 * (k % 2)]), np.array([0.0, 1500.0])) for k in range(60))
+    bank = fed(new("bank", "tite", 1800, hold_inputs=1800.0), told)
     assert answers(asked(bank))["cooling"].value > 0.5
 
 
 @pytest.mark.parametrize(("period", "told"), [(9, False), (10, True)])
 def test_hours_of_seconds_are_not_simulated(period, told):
-    quick = new("ekf", "tite", period)
-    for k in range(20):
-        quick.step(Sample.measured(k * period, np.array([20.0]), np.array([0.0, 500.0])))
-    assert ("cooling" in answers(asked(quick))) == told
+    samples = (Sample.measured(k * period, np.array([20.0]), np.array([0.0, 500.0])) for k in range(20))
+    assert ("cooling" in answers(asked(fed(new("ekf", "tite", period), samples)))) == told
 
 
 def test_heating_that_nobody_measured_is_told_among_heat_from_elsewhere(worker, monkeypatch):

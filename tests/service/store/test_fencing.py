@@ -16,11 +16,21 @@ import service.store.postgres.database as database
 import service.store.postgres.leases as leases_module
 from service.errors import Fenced, LeaseHeld, StateMismatch
 from service.store.postgres.leases import Lease, Leases
+from service.store.postgres.store import PostgresStore
 
 
 def lasts(lease: Lease, seconds: float) -> bool:
     """Whether nobody else can have it in so many s."""
     return lease._replace(until=lease.until - seconds).is_safe()
+
+
+def lapsed(shards: Shards) -> tuple[Lease, PostgresStore]:
+    """A lease of node-1 that has expired, and its store, which has the zone "z"."""
+    lease = shards.leases.acquire("shard", "node-1", LONG)
+    store = shards.store(lease)
+    asyncio.run(filled(store))
+    shards.expire(lease)
+    return lease, store
 
 
 def test_a_lease_has_one_owner_until_it_expires_or_is_released(shards: Shards) -> None:
@@ -71,10 +81,7 @@ def test_clocks_that_are_wrong_do_no_harm(shards: Shards, skew: float, monkeypat
 @pytest.mark.parametrize(("act", "other"), [*((act, "node-2") for act in WRITING), ("append", "node-1")])
 def test_who_has_lost_the_lease_writes_nothing(shards: Shards, act: str, other: str) -> None:
     """Also where the same owner has started again."""
-    lease = shards.leases.acquire("shard", "node-1", LONG)
-    stale = shards.store(lease)
-    asyncio.run(filled(stale))
-    shards.expire(lease)
+    _, stale = lapsed(shards)
     shards.leases.acquire("shard", other, LONG)
     before = shards.everything()
     with pytest.raises(Fenced, match=r"the lease 'shard' of node-1 \(epoch 1\) has gone to another owner"):
@@ -148,10 +155,7 @@ async def test_the_zones_of_an_owner_that_is_gone_are_taken_one_by_one_and_it_is
 
 
 def test_a_lease_is_not_taken_in_the_middle_of_a_transaction_and_renewed_meanwhile(shards: Shards) -> None:
-    lease = shards.leases.acquire("shard", "node-1", LONG)
-    store = shards.store(lease)
-    asyncio.run(filled(store))
-    shards.expire(lease)
+    lease, store = lapsed(shards)
     writing, told = threading.Event(), threading.Event()
 
     def work(cursor: Any) -> None:
@@ -182,10 +186,7 @@ def test_a_lease_is_not_taken_in_the_middle_of_a_transaction_and_renewed_meanwhi
 def test_an_owner_that_froze_in_the_middle_of_a_transaction_keeps_nobody_waiting(
     shards: Shards, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lease = shards.leases.acquire("shard", "node-1", LONG)
-    store = shards.store(lease)
-    asyncio.run(filled(store))
-    shards.expire(lease)
+    _, store = lapsed(shards)
     monkeypatch.setattr(database, "FROZEN_SECONDS", 1.0)
     shards.server.disconnect()
     waited = threading.Event()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from support.fake_zones import make_sample, make_update
 from support.kept import Kept
-from support.waiting import PATIENCE
+from support.waiting import PATIENCE, until
 
 from adapters.fields.times import written_time
 from adapters.reading import Quality, Reading
@@ -118,9 +118,7 @@ async def test_a_clock_that_is_led_on_step_by_step_deletes_nothing_before_a_day_
         wall[0] += seconds + set_by
         store.known_size = 0
         keeping = asyncio.create_task(store.keep_within(Limits(10.0 * 3600, FOREVER)))
-        async with asyncio.timeout(PATIENCE):
-            while not store.known_size:
-                await asyncio.sleep(0.01)
+        await until(lambda: store.known_size)
         keeping.cancel()
         return (await store.run(steps_of, store.journal, "living"))[0][0]
 

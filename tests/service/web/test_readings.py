@@ -15,6 +15,7 @@ import pytest
 from fastapi import FastAPI
 from support.fake_zones import running
 from support.http_client import get, problem, request, scope
+from support.waiting import until
 
 from adapters.http.posted import Posted
 from adapters.reading import Fault, Quality
@@ -312,11 +313,9 @@ async def test_one_tenants_key_does_not_stop_the_readings_of_another(
     await asyncio.sleep(0)
     desk.open = asyncio.Event()
     greedy = [asyncio.create_task(one(key)) for _ in range(WAITING + 3)]
-    while sum(task.done() for task in greedy) < 3:
-        await asyncio.sleep(0)
+    await until(lambda: sum(task.done() for task in greedy) == 3)
     honest = asyncio.create_task(one(other))
-    while desk.asked < OF_ONE + 1:
-        await asyncio.sleep(0)
+    await until(lambda: desk.asked == OF_ONE + 1)
     assert not honest.done(), "it is with the journal, beside those of the other key"
     desk.open.set()
     answers = await asyncio.gather(*greedy)

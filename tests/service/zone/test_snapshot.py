@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 from support.thermostat_house import samples as house
-from support.zone_samples import NAN, comparable, sample, worker
+from support.zone_samples import NAN, comparable, fed, sample, worker
 
 from estimator.network.presets import network
 from estimator.registry import resolve, structure
@@ -27,9 +27,7 @@ def test_what_comes_back_continues_with_the_same_bits(stop, tmp_path):
     samples += [sample(k, y=NAN) for k in range(30, 35)]
     samples += [sample(35), sample(36, y=99.0), sample(37, y=99.0), sample(38, inputs=[NAN, 18.0, 0.0])]
     samples += [sample(k) for k in range(39, 50)]
-    zone = worker()
-    for item in samples[:stop]:
-        zone.step(item)
+    zone = fed(worker(), samples[:stop])
     back = through_disk(zone, worker(), tmp_path)
     assert comparable(back.latest) == comparable(zone.latest)
     assert back.progress == zone.progress
@@ -51,9 +49,7 @@ def test_all_that_a_zone_has_learned_in_days_goes_on_with_the_same_bits(name, tm
 
     samples = list(house(4, period))
     zone, fresh = (worker(name, "tite", period, **KINDS[name]) for _ in range(2))
-    for item in samples[:stop]:
-        zone.step(item)
-    back = through_disk(zone, fresh, tmp_path)
+    back = through_disk(fed(zone, samples[:stop]), fresh, tmp_path)
     assert repr((back.skill(), back.trust, back.diagnosis())) == repr((zone.skill(), zone.trust, zone.diagnosis()))
     for item in samples[stop:]:
         assert comparable(back.step(item)) == comparable(zone.step(item))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.thermostat_house import samples as house
-from support.zone_samples import PERIOD, sample, worker
+from support.zone_samples import PERIOD, fed, sample, worker
 
 from service.records.sample import Sample
 from service.zone.worker import ZoneWorker
@@ -52,9 +52,8 @@ def test_a_gap_ends_what_was_pending_and_keeps_what_was_verified():
 
 
 def test_a_gap_drops_what_was_pending_of_a_thermostat_and_keeps_what_was_proved():
-    data, zone = list(house(4, 1800)), worker("ekf", "tite", 1800)
-    for each in data[: 3 * 48]:
-        zone.step(each)
+    data = list(house(4, 1800))
+    zone = fed(worker("ekf", "tite", 1800), data[: 3 * 48])
     proved = zone.carried.live.members
     zone.step(data[3 * 48 + 20])
     assert len(zone.carried.live.issues) <= 1

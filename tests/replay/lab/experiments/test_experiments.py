@@ -2,15 +2,15 @@
 
 import signal
 import subprocess
-import sys
-import time
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 from support.energyplus import needs_energyplus
+from support.harness import INTERRUPTIBLE
 from support.tables import rows_of
+from support.waiting import wait_until
 
 from service.cli.main import main
 
@@ -100,14 +100,9 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(day: Path) -> None:
-    # A script's background has Ctrl-C ignored, which its processes inherit.
-    heeding = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    command = [sys.executable, "-c", f"{heeding}; from service.cli.main import main; sys.exit(main())"]
     options = ["experiment", "semi-synthetic", *DAY, "--out", str(day)]
-    with subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
-        deadline = time.monotonic() + 120
-        while len(list(day.glob("runs/*.npz"))) < 1 and time.monotonic() < deadline:
-            time.sleep(0.02)
+    with subprocess.Popen([*INTERRUPTIBLE, *options], stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        wait_until(lambda: [*day.glob("runs/*.npz")], pause=0.02)
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=180)
     kept = {path.name for path in (day / "runs").iterdir()}
