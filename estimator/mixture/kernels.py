@@ -328,7 +328,7 @@ def propagate(size, topology, shape, settings, gate, inputs, normals, uniforms, 
 
 @njit(**JIT)
 def assimilate(measured, shape, share, outputs, old, mean, covariance, log_likelihood):  # type: ignore[no-untyped-def]
-    """Kalman update of all particles by every output (n_y,) that is not NaN, of c and phi by its `share`; they are kept
+    """Kalman update of all particles by every output (n_y,) that is not NaN, of phi by its `share`; c and phi are kept
     in their bounds."""
     whole, particles = old.mean.shape
     now, spread, column = np.empty((whole, WIDTH)), np.empty((old.covariance.shape[0], WIDTH)), np.empty((whole, WIDTH))
@@ -367,19 +367,19 @@ def assimilate(measured, shape, share, outputs, old, mean, covariance, log_likel
                     for w in range(width):
                         spread[place_of(i, node), w] = column[i, w] * kept[w]
         if share < 1.0:
-            _take_back(old, first, whole - shape.lower.shape[0], 1.0 - share, width, now, spread)
+            _take_back(old, first, whole - shape.free.shape[0], 1.0 - share, width, now, spread)
         _confine(shape, width, gain, now, spread)
         store(now, first, width, mean)
         store(spread, first, width, covariance)
 
 
 @njit(**PART)
-def _take_back(old, first, bounded, rest, width, mean, covariance):  # type: ignore[no-untyped-def]
-    """The `rest` of an update of the components from `bounded` on taken back: what they were before is in `old`."""
-    for i in range(bounded, mean.shape[0]):
+def _take_back(old, first, start, rest, width, mean, covariance):  # type: ignore[no-untyped-def]
+    """The `rest` of an update of the components from `start` on taken back: what they were before is in `old`."""
+    for i in range(start, mean.shape[0]):
         for w in range(width):
             mean[i, w] += rest * (old.mean[i, first + w] - mean[i, w])
-        for j in range(bounded, i + 1):
+        for j in range(start, i + 1):
             t = place_of(i, j)
             for w in range(width):
                 covariance[t, w] += rest * (old.covariance[t, first + w] - covariance[t, w])

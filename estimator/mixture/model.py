@@ -141,7 +141,7 @@ class MixtureModel:
 
     @property
     def news(self) -> float:
-        """Share of an update that coefficients and log parameters take."""
+        """Share of an update that log parameters take."""
         lasting = self.options.error_hours * HOUR
         return min(self.period / lasting, 1.0) if lasting > 0.0 else 1.0
 

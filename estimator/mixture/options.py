@@ -74,8 +74,8 @@ class MKFOptions(VolatilityOptions):
     parameter_sd: float = number(0.001, 0, 1)
     """Random walk of every free log parameter [per step], times the learning gate."""
     error_hours: float = number(0.0, 0, 1000)
-    """How long what the model is off by lasts [h]. Taken for news, each of its samples would make the same mistake about
-    coefficients and parameters surer; so they take only the share period / error_hours of an update, if that is less."""
+    """How long what the model is off by lasts [h]. Taken for news, each of its samples would make the same mistake
+    about parameters surer; so log parameters take only the share period / error_hours of an update, if that is less."""
     scenarios: int = whole(1000, 8, 100_000)
     """Sampled futures that a forecast is made of at most."""
 

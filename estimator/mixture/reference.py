@@ -222,15 +222,15 @@ class ReferenceMixture:
         return full * scale[:, :, None] * scale[:, None, :]
 
     def _partly_updated(self, before: Particles, mean: Array, covariance: Array) -> tuple[Array, Array]:
-        """The updated Gaussians of all particles, in which c and phi have taken only their share of the update.
+        """The updated Gaussians of all particles, in which phi has taken only its share of the update.
 
         The covariance is P + D (P' - P) D, for that before, P', and after, P, where D is the root of the rest of the
-        update for c and phi and 0 for x and q: semidefinite as both are (partial update: Brink 2017).
+        update for phi and 0 for the others: semidefinite as both are (partial update: Brink 2017).
         """
-        bounded, rest = self._model.size - len(self._model.lower), 1.0 - self._model.news
+        phi, rest = self._model.size - self._model.free, 1.0 - self._model.news
         mean, covariance = mean.copy(), covariance.copy()
-        mean[bounded:] += rest * (before.mean[bounded:] - mean[bounded:])
-        rows = [packed(i, j) for i in range(bounded, self._model.size) for j in range(bounded, i + 1)]
+        mean[phi:] += rest * (before.mean[phi:] - mean[phi:])
+        rows = [packed(i, j) for i in range(phi, self._model.size) for j in range(phi, i + 1)]
         covariance[rows] += rest * (before.covariance[rows] - covariance[rows])
         return mean, covariance
 

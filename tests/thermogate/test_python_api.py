@@ -372,9 +372,10 @@ def test_scenarios_of_a_bank_are_those_of_its_whole_forecast():
     # The default members, with and without physics.
     model = tg.fit(room(samples=200), "tite")
     for plan in (None, {"u_heat": 1000.0}):
-        paths, fan = model.scenarios(plan, "24h", count=400), model.forecast(plan, "24h", levels=(0.9,))
+        paths, fan = model.scenarios(plan, "24h", count=1000), model.forecast(plan, "24h", levels=(0.9,))
+        # The standard error of a quantile at .05 of as many normal numbers is .067 of their standard deviation.
         for name, level in (("lower_0.9", 0.05), ("median", 0.5), ("upper_0.9", 0.95)):
-            assert ((paths.quantile(level, axis=1) - fan[name]).abs() / fan["sd"]).max() < 0.1, name
+            assert ((paths.quantile(level, axis=1) - fan[name]).abs() / fan["sd"]).max() < 0.15, name
         steps = paths.diff().iloc[1:].abs().to_numpy()
         assert np.median(steps) < 0.2 * fan["sd"].median(), "a path goes on from where it is"
 
