@@ -197,7 +197,7 @@ def _copy(state_dir: Path, folder: Path) -> int:
             source.backup(copy)
             # Only then is it read: a view in the place of a table may have no end.
             _check_journal(copy, f"the journal {state_dir / JOURNAL}", "state_dir")
-            (verdict,) = copy.execute("PRAGMA quick_check(1)").fetchone()
+            (verdict,) = copy.execute("PRAGMA integrity_check(1)").fetchone()
             if verdict != "ok":
                 raise BackupError(f"the journal {state_dir / JOURNAL} is damaged ({verdict}); restore an older backup")
             pruned: dict[str, int] = dict(copy.execute("SELECT zone, time FROM pruned"))

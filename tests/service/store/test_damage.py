@@ -4,6 +4,7 @@ import asyncio
 import logging
 import os
 import shutil
+import sqlite3
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,8 +15,9 @@ import pytest
 from support.running_zone import fed, finished, plumbing
 from support.zone_samples import comparable, sample, worker
 
-from service.errors import ServiceError
+from service.errors import BackupError, ServiceError
 from service.records.history import HistoryRow
+from service.store.backup import write_backup
 from service.store.verifying import verify
 from service.zone.zone import Zone
 
@@ -139,6 +141,22 @@ def test_a_damaged_file_is_healed_or_told(
     else:
         # A page of the journal may be one of which the log has a newer copy.
         assert outcome.said or outcome.samples == 40
+
+
+@pytest.mark.parametrize("time", [6600, 8100, 8400, 9900, 11700])
+def test_a_damaged_key_is_told(time: int, crashed: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "state"
+    shutil.copytree(crashed, folder)
+    # Closing it leaves nothing in the log, whose newer pages would hide the damage.
+    sqlite3.connect(folder / FILES["journal"]).execute("PRAGMA wal_checkpoint(TRUNCATE)").connection.close()
+    content = bytearray((folder / FILES["journal"]).read_bytes())
+    # The row of the history if there is one, else the sample: now of a zone '{', so that searches turn off before it.
+    content[content.rindex(b"z" + time.to_bytes(2, "big"))] ^= 1
+    (folder / FILES["journal"]).write_bytes(content)
+    assert verify(folder).problems
+    if time < 8100:
+        with pytest.raises(BackupError, match="row not in PRIMARY KEY order"):
+            write_backup(folder, "house", tmp_path / "kept.tar")
 
 
 def test_without_its_journal_a_zone_goes_on_from_its_checkpoint(
