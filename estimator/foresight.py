@@ -165,7 +165,7 @@ def foreseen(network: Network, day: Day, now: Array, times: Array) -> Foreseen:
             rows[:, column] = usual * (1.0 + (min(max(share, 0.0), _BRIGHTEST) - 1.0) * left)
         else:
             rows[:, column] = usual + (now[column] - day.before[column]) * left
-            if column == _clouds(network):
+            if network.inputs[column] == network.clouds:
                 rows[:, column] = np.clip(rows[:, column], 0.0, 100.0)
     return Foreseen(rows, by_shape)
 
@@ -181,7 +181,7 @@ def strays(network: Network, day: Day) -> Array:
         # A foresight of a day before was off by what is unusual now, less what was left of what was unusual then.
         error = (1.0 + left**2) * squares[column] - 2.0 * left * products[column]
         told = error / max(float(usual[column]), _LITTLE_SUN) if is_sun else error / (1.0 - left**2)
-        if column == _clouds(network):
+        if network.inputs[column] == network.clouds:
             # On the mean of all covers, a percent more of them leaves about one less of the sun.
             told, is_sun = told / 100.0**2, True
         supposed = _SUN_SD if is_sun else _NEIGHBOUR_SD if fades == NEIGHBOUR_FADES else _OUTDOORS_SD
@@ -233,7 +233,7 @@ def weather(network: Network, sds: Array, period: float, steps: int, time: int) 
         paths = np.sqrt(1.0 - left**2) * own
         for place in range(1, hours):
             paths[place] += left * paths[place - 1]
-        if is_sun or column == _clouds(network):
+        if is_sun or network.inputs[column] == network.clouds:
             share = np.maximum(1.0 + sds[column] * paths, 0.0)
             # What is cut off below nought must not make it brighter on the whole.
             sun = (share / share.mean(axis=1, keepdims=True) - 1.0)[hour]
@@ -250,13 +250,8 @@ def _daily(network: Network) -> list[tuple[int, float, bool]]:
         for place, name in enumerate(network.boundaries)
     ]
     suns = [name for name in network.heat_channels if network.channel_unit(name) == "W/m2"]
-    found += [(network.inputs.index(name), SUN_FADES, True) for name in suns]
-    clouds = _clouds(network)
-    return found if clouds is None else [*found, (clouds, SUN_FADES, False)]
-
-
-def _clouds(network: Network) -> int | None:
-    return None if network.clouds is None else network.inputs.index(network.clouds)
+    clouds = [] if network.clouds is None else [network.clouds]
+    return found + [(network.inputs.index(name), SUN_FADES, name in suns) for name in (*suns, *clouds)]
 
 
 def _sunny(network: Network) -> Indices:

@@ -28,8 +28,12 @@ class Regression(OneState):
         self.period = period
         units = [network.channel_unit(channel) for channel in network.inputs]
         self._nothing = np.full(len(network.parameters), np.nan)
-        self._scale = np.array([_SCALE.get(unit, 1.0) for unit in units])
-        self._scale[[channel == network.clouds for channel in network.inputs]] = _CLOUDS
+        self._scale = np.array(
+            [
+                _CLOUDS if channel == network.clouds else _SCALE.get(unit, 1.0)
+                for channel, unit in zip(network.inputs, units, strict=True)
+            ]
+        )
         """(n_u,): what every input varies by."""
         self.level = np.array([LEVEL * (unit == "degC") for unit in units])
         """(n_u,): what it counts from."""

@@ -231,7 +231,7 @@ class _Outcome(NamedTuple):
         )
 
     def stretched(self, scale: Array) -> Self:
-        """With energy and cost as wide as they are known to have to be."""
+        """With energies and costs `scale` times as far from their means."""
         cost = None if self.cost is None else self.cost.stretched(scale)
         return self._replace(energy=self.energy.stretched(scale), cost=cost)
 

@@ -44,6 +44,7 @@ def test_one_daemon_at_a_time_goes_on_where_it_was_stopped(uninterrupted: list[T
         assert daemon.terminate() == 0, daemon.log()
         for each in (refused, third, daemon):
             assert "Traceback" not in each.log()
+        hurried = "stopping before every mailbox was empty" in daemon.log()
     assert list((tmp_path / "state" / "checkpoints" / ZONE).glob("*.npz"))
     # A changed network is refused until its zone is reset.
     changed = ("--set", 'zones.0.network={ preset = "building-67", fixed = ["C_s"] }')
@@ -54,8 +55,7 @@ def test_one_daemon_at_a_time_goes_on_where_it_was_stopped(uninterrupted: list[T
     with Daemon(CONFIG, tmp_path / "next.log", state) as daemon:
         status = daemon.status(ZONE)
         assert status["samples"] >= samples, "the zone starts where it stopped, before any new sample"
-        replayed = int(re.findall(r"(\d+) intervals replayed from the journal", daemon.log())[0])
-        assert replayed < 60, "it goes on from a checkpoint, the last one unless the machine was busy"
+        assert hurried or "0 intervals replayed from the journal" in daemon.log()
         assert daemon.get(f"/zones/{ZONE}/forecast")[0] == 200, "its standing forecast is served at once"
         daemon.wait_until_ended()
         same_history(daemon, ZONE, uninterrupted)
