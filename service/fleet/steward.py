@@ -101,8 +101,9 @@ class Steward:
                 return "nothing has changed"
             if shards == fleet_of(before.config).shards:
                 done = summary(compare(before.config, config))
-        self._plan = Plan(1 if before is None else before.version + 1, config)
-        await asyncio.to_thread(peers.remember, self._site, self._plan)
+        plan = Plan(1 if before is None else before.version + 1, config)
+        await asyncio.to_thread(peers.remember, self._site, plan)
+        self._plan = plan
         return done
 
     async def look(self) -> None:

@@ -204,3 +204,15 @@ async def test_what_a_member_was_started_with_cannot_be_reloaded(tmp_path: Path,
     steward = await begun(tmp_path)
     with pytest.raises(ReloadRefused, match="stop the fleet and start it again"):
         await steward.go_over(load(small_site(tmp_path, shards=2, lease=LEASE + 1)))
+
+
+async def test_a_plan_that_could_not_be_kept_is_tried_again(
+    tmp_path: Path, cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = load(small_site(tmp_path, shards=2, lease=LEASE))
+    steward = Steward("campus", lambda: config)
+    with monkeypatch.context() as failing, pytest.raises(ZeroDivisionError):
+        failing.setattr(peers, "remember", lambda site, plan: 1 / 0)
+        await steward.go_over(config)
+    await steward.go_over(config)
+    assert cluster.plan == Plan(1, config)
