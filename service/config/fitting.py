@@ -71,30 +71,28 @@ def make_alignment(
     return Alignment(zone.network, zone.period, {table.source for table in zone.delivered.values()}, rules)
 
 
-Outputs = Mapping[tuple[str, str], Sequence[tuple[str, str]]]
+_Measured = Mapping[tuple[str, str], Sequence[tuple[str, str]]]
 """Zones and their outputs by where these are measured: source and address."""
 
 
-def measured_outputs(config: Config) -> Outputs:
-    """The outputs of all zones, for `surroundings` of many."""
-    found: dict[tuple[str, str], list[tuple[str, str]]] = {}
+def surroundings(config: Config) -> dict[str, Surroundings]:
+    """What is known of the inputs of every zone, by its id."""
+    measured: dict[tuple[str, str], list[tuple[str, str]]] = {}
     for zone in config.zones:
         for output in zone.network.measured:
             channel = zone.channels[output]
             if channel.address:
-                found.setdefault((channel.source, channel.address), []).append((zone.id, output))
-    return found
+                measured.setdefault((channel.source, channel.address), []).append((zone.id, output))
+    return {zone.id: _surroundings(config, zone, measured) for zone in config.zones}
 
 
-def surroundings(config: Config, zone: ZoneConfig, outputs: Outputs | None = None) -> Surroundings:
-    """What is known of the inputs of `zone`; `outputs` are the `measured_outputs` of `config`."""
-    outputs = measured_outputs(config) if outputs is None else outputs
+def _surroundings(config: Config, zone: ZoneConfig, measured: _Measured) -> Surroundings:
     network = zone.network
     inputs = {name: zone.channels[name] for name in network.inputs}
     return Surroundings(
         limits=plannable(zone),
         neighbours={
-            name: found for name in network.boundaries if (found := _neighbour(outputs, zone, inputs[name])) is not None
+            name: one for name in network.boundaries if (one := _neighbour(measured, zone, inputs[name])) is not None
         },
         weather={
             name: _link(config, channel, network.channel_unit(name))
@@ -127,10 +125,10 @@ def _limits(channel: ChannelConfig, unit: str) -> tuple[float, float]:
     return (lower, upper) if power is None else (max(lower, -power), min(upper, power))
 
 
-def _neighbour(outputs: Outputs, zone: ZoneConfig, channel: ChannelConfig) -> tuple[str, str] | None:
+def _neighbour(measured: _Measured, zone: ZoneConfig, channel: ChannelConfig) -> tuple[str, str] | None:
     """The zone and its output that are measured where `channel` is: the room next door."""
-    measured = outputs.get((channel.source, channel.address), ())
-    return next((found for found in measured if found[0] != zone.id), None)
+    there = measured.get((channel.source, channel.address), ())
+    return next((found for found in there if found[0] != zone.id), None)
 
 
 def _link(config: Config, channel: ChannelConfig, unit: str) -> WeatherLink:

@@ -5,14 +5,7 @@ import logging
 from collections.abc import Collection, Iterable, Mapping
 from typing import NamedTuple
 
-from service.config.fitting import (
-    fingerprint,
-    make_alignment,
-    make_worker,
-    measured_outputs,
-    neighbourhood,
-    surroundings,
-)
+from service.config.fitting import fingerprint, make_alignment, make_worker, neighbourhood, surroundings
 from service.config.site import Config, ZoneConfig
 from service.daemon.reload import Changes, compare, obstacles
 from service.daemon.supply.feeding import keep_time, watch_clock
@@ -143,9 +136,8 @@ class Runtime:
 
     def _surround(self, config: Config) -> None:
         """Tell every zone what `config` says of its inputs: a neighbour's change concerns also a zone that goes on."""
-        outputs = measured_outputs(config)
-        for table in config.zones:
-            self.zones[table.id].surroundings = surroundings(config, table, outputs)
+        for name, around in surroundings(config).items():
+            self.zones[name].surroundings = around
 
     def _built(self, table: ZoneConfig, config: Config) -> Zone:
         mark, worker, plumbing = fingerprint(table), make_worker(table), self._plumbing

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import tomli_w
 from support.running_zone import plumbing
 
-from service.config.fitting import fingerprint, make_alignment, make_worker, measured_outputs, surroundings
+from service.config.fitting import fingerprint, make_alignment, make_worker, surroundings
 from service.config.load import load
 from service.config.site import Config
 from service.publish.metrics import Metrics
@@ -127,10 +127,9 @@ async def learned(folder: Path) -> AsyncIterator[GoldenSite]:
     metrics = Metrics(zones, "1.2.3")
     async with plumbing(folder / "state") as given:
         shared = given._replace(site=SITE, metrics=metrics, sinks=[metrics])
-        outputs = measured_outputs(config)
+        around = surroundings(config)
         for table in config.zones:
-            around = surroundings(config, table, outputs)
-            zone = Zone(table.id, table.estimator, fingerprint(table), make_worker(table), shared, around)
+            zone = Zone(table.id, table.estimator, fingerprint(table), make_worker(table), shared, around[table.id])
             await zone.prepare()
             zone.align(make_alignment(table))
             zones[table.id] = zone

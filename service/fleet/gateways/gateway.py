@@ -8,7 +8,7 @@ from typing import Any
 
 from prometheus_client import CollectorRegistry
 
-from service.config.fitting import measured_outputs, surroundings
+from service.config.fitting import surroundings
 from service.config.site import Config
 from service.daemon.composition import answer_on_zenoh
 from service.daemon.logs import configure_logging
@@ -68,12 +68,10 @@ class Gateway(Member):
                 view = ShardView(Peer(self.site, name))
                 self._shards[name] = view, asyncio.create_task(self._listen(view))
         owner = {zone: self._shards[name][0] for zone, name in plan.owners().items()}
-        outputs = measured_outputs(config)
+        around = surroundings(config)
         self._zones.replace(
             {
-                table.id: RemoteZone(
-                    table, surroundings(config, table, outputs), owner[table.id], self._zones.get(table.id)
-                )
+                table.id: RemoteZone(table, around[table.id], owner[table.id], self._zones.get(table.id))
                 for table in config.zones
             }
         )

@@ -42,7 +42,7 @@ def test_limits_are_those_of_valid_installed_and_nominal(tmp_path: Path) -> None
     given["zones"][0]["channels"]["T_out"]["valid"] = [-20.0, 40.0]
     given["zones"][1]["channels"]["u_heat"] |= {"unit": "%", "nominal": 1800.0}
     config = loaded(tmp_path, given)
-    living, bedroom = (surroundings(config, zone) for zone in config.zones)
+    living, bedroom = surroundings(config).values()
     assert living.limits == {"T_i": (-60.0, 80.0), "T_out": (-20.0, 40.0), "u_heat": (-2500.0, 2500.0)}
     assert bedroom.limits["u_heat"] == (-1800.0, 1800.0)
     assert (living.entered, bedroom.entered) == (False, True)
@@ -51,7 +51,7 @@ def test_limits_are_those_of_valid_installed_and_nominal(tmp_path: Path) -> None
 
 def test_a_forecast_of_the_weather_is_linked_with_its_unit(tmp_path: Path) -> None:
     config = loaded(tmp_path, tables(tmp_path))
-    (link,) = surroundings(config, config.zones[0]).weather.values()
+    (link,) = surroundings(config)["living"].weather.values()
     assert isinstance(link, WeatherLink)
     assert (link.source, link.series, link.unit, link.max_age) == ("outlook", "temperature_2m", "degF", 86400.0)
     assert 212.0 * link.conversion.scale + link.conversion.offset == pytest.approx(100.0)
@@ -65,10 +65,11 @@ def test_a_neighbour_is_whoever_is_measured_there(tmp_path: Path) -> None:
         given["zones"][zone] |= {"network": "auto"}
         given["zones"][zone]["channels"] |= {"T_adj": heard}
     config = loaded(tmp_path, given)
-    living, bedroom = (surroundings(config, zone) for zone in config.zones)
+    living, bedroom = surroundings(config).values()
     assert living.neighbours == {"T_adj": ("bedroom", "T_i")}
     assert bedroom.neighbours == {"T_adj": ("living", "T_i")}
-    assert surroundings(loaded(tmp_path, sound(tmp_path)), config.zones[0]).neighbours == {"T_adj": ("bedroom", "T_i")}
+    del given["zones"][1]["channels"]["T_adj"]
+    assert surroundings(loaded(tmp_path, given))["living"].neighbours == {"T_adj": ("bedroom", "T_i")}
 
 
 async def test_a_reload_follows_the_weather(tmp_path: Path) -> None:
