@@ -1,11 +1,11 @@
 """What every recorded source does: it plays a stretch of time at its pace, until it is closed."""
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import Sequence
 from math import inf, isfinite
 
 from adapters.channel import Binding, RecordedConfig
-from adapters.reading import Batch, Reading, Source
+from adapters.reading import Source
 
 _LONGEST_SLEEP = 0.5
 """How long a paced source may sleep without looking whether it was closed, in s."""
@@ -23,19 +23,6 @@ class RecordedSource(Source):
 
     async def close(self) -> None:
         self._closed = True
-
-    async def _played(
-        self, begin: float, last: float, window: float, read: Callable[[float, float], Awaitable[list[Reading]]]
-    ) -> AsyncIterator[Batch]:
-        """What `read` gives for one `window` (s) from `begin` on to `last` (UTC s) after the other, when it is due."""
-        self._origin = None
-        while begin < last and not self._closed:
-            end = min(begin + window, last)
-            readings = await read(begin, end)
-            if not await self._due(end):
-                return
-            yield Batch(sorted(readings, key=lambda reading: reading.time), end)
-            begin = end
 
     async def _due(self, time: float) -> bool:
         """Wait until `time` (UTC s) of the recording is due, counted from the first so that sleeping adds no drift;

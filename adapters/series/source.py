@@ -28,26 +28,32 @@ class SeriesSource(RecordedSource):
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         converters = [Converter(*one) for one in self._edges]
-
-        async def read(begin: float, end: float) -> list[Reading]:
-            found: list[Reading] = []
-            for converter, channel in zip(converters, self._channels, strict=True):
-                points = await self._database.points(channel, begin, end, converter.edge.counter)
-                pairs = zip(points.times.tolist(), points.values.tolist(), strict=True)
-                readings = (converter.reading(when, value) for when, value in pairs)
-                found += [one for one in readings if one is not None and (start is None or not one.time < start)]
-            return found
-
         window = (_PAGE if self._pace == inf else 1) * self._step
+        self._origin = None
         try:
             with said_of(self.name):
-                begin, last = await self._database.span(self._channels)
-                first = begin if start is None else max(begin, start)
-                async for batch in self._played(first // self._step * self._step, last, window, read):
-                    yield batch
+                first, last = await self._database.span(self._channels)
+                begin = (first if start is None else max(first, start)) // self._step * self._step
+                while begin < last and not self._closed:
+                    end = min(begin + window, last)
+                    readings = await self._read(converters, begin, end)
+                    if not await self._due(end):
+                        return
+                    wanted = (one for one in readings if start is None or not one.time < start)
+                    yield Batch(sorted(wanted, key=lambda reading: reading.time), end)
+                    begin = end
         finally:
             # The next look may be in another event loop.
             await self._database.close()
+
+    async def _read(self, converters: Sequence[Converter], begin: float, end: float) -> list[Reading]:
+        """The readings of all channels in [begin, end), UTC s."""
+        found: list[Reading] = []
+        for converter, channel in zip(converters, self._channels, strict=True):
+            points = await self._database.points(channel, begin, end, converter.edge.counter)
+            pairs = zip(points.times.tolist(), points.values.tolist(), strict=True)
+            found += [one for when, value in pairs if (one := converter.reading(when, value)) is not None]
+        return found
 
     async def probe(self, seconds: float) -> list[Probe]:
         probes = []
