@@ -72,8 +72,8 @@ class MessageChannel(Watched):
         incoming = max(samples, key=lambda sample: sample.stamp or sample.arrived)
         content = incoming.payload or b""
         numbers = numbers_in(content) if self.form.format == "json" else []
-        others = [f"numbers in it: {', '.join(f'{pointer} {number:g}' for pointer, number in numbers)}"]
-        others = others if numbers else []
+        listed = ", ".join(f"{pointer} {number:g}" for pointer, number in numbers)
+        others = [f"numbers in it: {listed}"] if numbers else []
         entries = self._entries(incoming, None if incoming.payload is None else Payload(content))
         decoded = next((entry for entry in reversed(entries) if isinstance(entry, Decoded)), None)
         dated = decoded and self._date(decoded, incoming)
@@ -145,8 +145,7 @@ class MessageChannels(Channels[MessageChannel]):
         for channel in self.all():
             channel.known_until, channel.heard = channel.newest, False
 
-    def came(self, key: str, samples: Sequence[Incoming]) -> Iterator[Reading]:
-        for incoming in samples:
-            payload = None if incoming.payload is None else Payload(incoming.payload)
-            for channel in self.at(key):
-                yield from channel.read_all(incoming, payload)
+    def came(self, key: str, incoming: Incoming) -> Iterator[Reading]:
+        payload = None if incoming.payload is None else Payload(incoming.payload)
+        for channel in self.at(key):
+            yield from channel.read_all(incoming, payload)

@@ -178,7 +178,7 @@ class SubscribedSource(LiveSource):
                 readings += self._channels.bad(key, Fault.OVERRUN)
             before, coming = self._begun.pop(key, (None, iter(())))
             if before is not incoming:
-                coming = self._channels.came(key, [incoming])
+                coming = self._channels.came(key, incoming)
             for reading in coming:
                 readings.append(reading)
                 now = time.monotonic()

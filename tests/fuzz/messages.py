@@ -30,7 +30,7 @@ def become_readings(
     channels = MessageChannels("bms", listed, TABLE)
     for _ in range(2):
         channels.start_again()
-        for reading in channels.came("k", [incoming]):
+        for reading in channels.came("k", incoming):
             assert (reading.fault is None) == (reading.quality is not Quality.BAD)
             assert reading.fault is not None or (math.isfinite(reading.value) and 0 <= reading.time <= NOW + 10)
             # A retained value whose age nobody knows is never good.

@@ -87,7 +87,7 @@ def test_a_message_is_parsed_once_for_all_channels_that_read_it(monkeypatch: pyt
     sound = json.dumps([{"n": name, "v": 20} for name in names]).encode()
     for payload, count in ((sound, 200), (b'[{"n": 1}]', 200)):
         parsed.clear()
-        assert len(list(channels.came("k", [came("k", payload)]))) == count
+        assert len(list(channels.came("k", came("k", payload)))) == count
         assert len(parsed) == 1
 
 

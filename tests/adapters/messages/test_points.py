@@ -35,7 +35,7 @@ def dated(time: float, arrived: float) -> Incoming:
 
 
 def readings(taken: MessageChannels, *samples: Incoming) -> list[Reading]:
-    return list(taken.came(TOPIC, samples))
+    return [reading for sample in samples for reading in taken.came(TOPIC, sample)]
 
 
 def times(taken: MessageChannels, *samples: Incoming) -> list[float]:
@@ -51,7 +51,7 @@ def test_the_order_of_preference_decides_on_the_time(
     written = json.dumps({"value": 20, "time": when}).encode()
     listed = [bound(table, "room/T", key="k", format="json", time="/time", time_format="epoch")]
     incoming = Incoming("k", written, len(written), None if stamp is None else NOW + stamp, NOW)
-    (reading,) = MessageChannels("bms", listed, table).came("k", [incoming])
+    (reading,) = MessageChannels("bms", listed, table).came("k", incoming)
     assert (reading.fault or reading.time - NOW) == expected
 
 
@@ -67,7 +67,7 @@ def test_a_clock_that_is_a_little_ahead_dates_nothing_after_its_arrival() -> Non
     taken = channels(DATED, SENML | {"id": "room/x"})
     pack = f'[{{"bt": {NOW}, "v": 1}}, {{"t": 4, "v": 2}}]'
     assert times(channels(DATED), dated(NOW + 8, NOW)) == [NOW]
-    assert [one.time for one in taken.came(TOPIC, [came(NOW, pack)]) if one.fault is None] == [NOW - 4, NOW]
+    assert [one.time for one in taken.came(TOPIC, came(NOW, pack)) if one.fault is None] == [NOW - 4, NOW]
 
 
 def test_what_was_had_is_passed_over_when_the_session_is_opened_anew() -> None:

@@ -165,7 +165,7 @@ def test_a_time_before_1970_is_refused_and_can_be_probed(time):
     binding = bound(TABLE, "z/T", key="k", format="json", time_format="epoch", value="/present/value", time="/time")
     payload = json.dumps(document(time=time)).encode()
     incoming = Incoming("k", payload, len(payload), None, NOON)
-    (reading,) = MessageChannels("bms", [binding], TABLE).came("k", [incoming])
+    (reading,) = MessageChannels("bms", [binding], TABLE).came("k", incoming)
     assert (reading.fault, reading.time) == (Fault.BAD_TIMESTAMP, NOON)
     probe = MessageChannel(binding, TABLE).look([incoming], "")
     assert probe.verdict.endswith("is dated before 1970; look at time_format")
