@@ -58,7 +58,3 @@ def parse_object(text: str) -> ObjectId:
     if not (number.isascii() and number.isdecimal() and int(number) <= LARGEST_INSTANCE):
         raise ValueError(f"has an instance that is no whole number from 0 to {LARGEST_INSTANCE}")
     return ObjectId(type_number, int(number))
-
-
-def is_numeric(object: ObjectId) -> bool:
-    return object.type in _NAMES

@@ -10,9 +10,9 @@ from adapters.bacnet.objects import (
     OBJECT_NAME,
     PRESENT_VALUE,
     STATUS_FLAGS,
+    TYPES,
     UNITS,
     ObjectId,
-    is_numeric,
 )
 from adapters.bacnet.units import unit_of
 from adapters.bacnet.values import Flags, Unreadable, Value, flags, known, number, object_id, text, whole
@@ -51,7 +51,7 @@ async def scan(link: BacnetLink, wanted: Scan, *, broadcasts: bool) -> Scanned:
 
 
 async def _rows(link: BacnetLink, device: Device, remarks: list[str]) -> list[tuple[str, ...]]:
-    objects = [object for object in await _objects(link, device, remarks) if is_numeric(object)]
+    objects = [object for object in await _objects(link, device, remarks) if object.type in TYPES.values()]
     if not objects:
         remarks.append(f"device {device.instance} ({device.address}) has no object whose value is a number")
     answers = await link.ask(device, objects, (OBJECT_NAME, PRESENT_VALUE, UNITS, STATUS_FLAGS), _OCTETS)

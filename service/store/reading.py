@@ -44,9 +44,8 @@ def read_state(state_dir: Path) -> Iterator[StoredState]:
     try:
         with translated(path):
             (version,) = connection.execute("PRAGMA user_version").fetchone()
-        if version != SCHEMA_VERSION:
-            raise JournalError(other_version(f"the journal {path}", version, SCHEMA_VERSION, "state_dir"))
-        with translated(path):
+            if version != SCHEMA_VERSION:
+                raise JournalError(other_version(f"the journal {path}", version, SCHEMA_VERSION, "state_dir"))
             # A view in the place of a table may have no end.
             if (problem := schema_problem(connection)) is not None:
                 raise JournalError(f"the journal {path} {problem}; `thermogate verify {state_dir}` looks at all of it")

@@ -22,11 +22,11 @@ def state_and_reason(
     now: float,
     lag: str | None = None,
 ) -> tuple[str, str]:
-    """One of `service.records.view.STATES`, and why.
+    """One of `service.records.status.STATES`, and why.
 
     `failure` is why the last step failed, `trouble` why sources do not deliver; `live` says that the zone goes by the
-    wall clock, `ended` that no source will deliver any more, `lag` why
-    the estimator has not kept up, `now` what the wall clock says (UTC s).
+    wall clock, `ended` that no source will deliver any more, `lag` why the estimator has not kept up, `now` what the
+    wall clock says (UTC s).
     """
     if failure is not None:
         return "failed", failure
