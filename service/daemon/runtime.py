@@ -82,7 +82,7 @@ class Runtime:
         """Let the sources deliver, and time pass."""
         await self._weather.follow(self.config)
         for name in self.config.sources:
-            self._feed(name, self.config.zones)
+            self._feed(name, self.config.zones_of(name), self.config)
         self._clocks += [
             asyncio.create_task(keep_time(self.zones)),
             asyncio.create_task(watch_clock(self._plumbing.clock)),
@@ -195,11 +195,8 @@ class Runtime:
         for name in set(self.tallies) - set(new.sources):
             del self.tallies[name]
 
-    def _feed(self, name: str, zones: Collection[ZoneConfig], config: Config | None = None) -> None:
-        """Let a source deliver to `zones`, a recording from where the first of them stopped."""
-        config = config or self.config
-        fed = {zone.id for zone in config.zones_of(name)}
-        served = [zone for zone in zones if zone.id in fed]
+    def _feed(self, name: str, served: Collection[ZoneConfig], config: Config) -> None:
+        """Let a source deliver to the zones `served`, a recording from where the first of them stopped."""
         if not served:
             return
         nexts = [None if (time := self._last[zone.id]) is None else time + zone.period for zone in served]

@@ -17,7 +17,7 @@ def foresee(worker: ZoneWorker, standing: Standing, steps: int, weather: Weather
     forecast, period = standing.update.forecast, worker.period
     times = forecast.valid_time + period * np.arange(steps, dtype=np.float64)
     now = np.array([used.value for used in forecast.inputs])
-    rows, by_shape = foreseen(worker.network, standing.day, now, times)
+    rows, by_shape = foreseen(worker.network, standing.carried.day, now, times)
     origins = []
     for column, used in enumerate(forecast.inputs):
         origin = _otherwise(used, bool(by_shape[column]))

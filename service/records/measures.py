@@ -1,8 +1,4 @@
-"""Figures that are read at the moment of a scrape, offered by whoever owns them.
-
-An owner (the store, the sources, the zones) has a function `..._measures` that returns a list of `Measure`s;
-`service.daemon.instruments` registers them all.
-"""
+"""Figures that are read at the moment of a scrape, offered by whoever owns them: the store, the sinks, the server."""
 
 import tomllib
 from collections.abc import Callable, Iterable

@@ -12,7 +12,6 @@ import numpy as np
 from adapters.reading import Quality
 from estimator.believed import believed
 from estimator.diagnosis.finding import Diagnosis
-from estimator.foresight import Day
 from estimator.heat.known import KnownHeat
 from estimator.loop import Carried, Loop, Step
 from estimator.network.network import Network
@@ -83,10 +82,6 @@ class Standing(NamedTuple):
         """The estimator's, predicted to the next sample."""
         assert self.carried.standing is not None
         return self.carried.standing.state
-
-    @property
-    def day(self) -> Day:
-        return self.carried.day
 
 
 class ZoneWorker:

@@ -20,7 +20,7 @@ TAKE_SECONDS = 30.0
 
 
 class Posts:
-    """Takes what is posted to a gateway (`service.web.readings.Take`)."""
+    """Takes what is posted to a gateway (`service.web.site.Take`)."""
 
     def __init__(self) -> None:
         self._sources: list[HttpSource] = []
