@@ -23,9 +23,9 @@ class WeatherFeeds:
         self._built: dict[str, tuple[object, ...]] = {}
 
     async def follow(self, config: Config) -> None:
-        """Let the sources be those of `config`; one that is the same goes on."""
+        """Let the sources be those of `config`; one that is the same goes on, unless it has given up."""
         wanted = {name: (table, config.weather_series(name)) for name, table in config.weather.items()}
-        gone = [name for name in self._tasks if self._built[name] != wanted.get(name)]
+        gone = [name for name, task in self._tasks.items() if task.done() or self._built[name] != wanted.get(name)]
         await end([self._tasks.pop(name) for name in gone])
         self._book.keep(frozenset(wanted) - frozenset(gone))
         for name in wanted:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from support.waiting import until
 
-from adapters.errors import SourceUnavailable
+from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.weather.forecast import WeatherForecast, WeatherSeries
 from service.daemon.supply import weather as module
 from service.daemon.supply.weather import WeatherFeeds
@@ -35,18 +35,34 @@ class Failing:
         self.closed = True
 
 
+def configured(source: Failing) -> Any:
+    return SimpleNamespace(weather={"office": 1}, weather_series=lambda name: (), build_weather=lambda name: source)
+
+
 async def test_a_source_that_works_again_says_so_once(monkeypatch, caplog):
     monkeypatch.setattr(module, "FIRST_PAUSE", 0.001)
     monkeypatch.setattr(module, "LONGEST_PAUSE", 0.001)
     source = Failing()
-    config: Any = SimpleNamespace(
-        weather={"office": object()}, weather_series=lambda name: (), build_weather=lambda name: source
-    )
     with caplog.at_level(logging.INFO):
         feeds = WeatherFeeds(WeatherBook())
-        await feeds.follow(config)
+        await feeds.follow(configured(source))
         await until(lambda: source.calls > 4)
         await feeds.stop()
     assert source.closed
     assert caplog.text.count("weather 'office' works again") == 1
     assert "weather.office: nobody answers; trying again in" in caplog.text
+
+
+async def test_a_reload_tries_again_what_has_given_up():
+    class Wrong(Failing):
+        async def forecasts(self):
+            self.calls += 1
+            raise SourceConfigError("weather.office: there is no such column")
+            yield
+
+    source, feeds = Wrong(), WeatherFeeds(WeatherBook())
+    for calls in (1, 2):
+        await feeds.follow(configured(source))
+        await until(feeds._tasks["office"].done)
+        assert source.calls == calls
+    await feeds.stop()
