@@ -6,6 +6,7 @@ ended at it before, and struck out afterwards; what is noted at a start was at w
 that took MOST processes with it is passed over.
 """
 
+import errno
 import json
 import logging
 import os
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from adapters.fields.times import written_time
+from service.store.ownership import others_can_change
 
 MOST = 3
 """How many processes one sample of a zone may take with it."""
@@ -40,12 +42,12 @@ class Crashes:
     zone's fault."""
 
     def __init__(self, site: str, name: str, folder: Path | None = None) -> None:
-        """Reads what the process before has left. A folder that cannot be written costs the notes alone."""
+        """Reads what the process before has left. A folder that cannot be written, or that others can change, costs the
+        notes alone."""
         self._folder = folder or Path(tempfile.gettempdir()) / f"thermogate-fleet-{os.getuid()}"
         self._path = self._folder / f"{site}.{name}.steps"
-        self.suspects = self._left()
+        self.suspects: tuple[Suspect, ...] = ()
         """Who was at work the last time, and how often."""
-        self._suspected = {(one.zone, one.time): one.crashes for one in self.suspects if one.crashes < MOST}
         self._at_work: dict[int, Suspect] = {}
         """What each thread steps."""
         self._alone, self._lock = threading.Lock(), threading.Lock()
@@ -53,9 +55,14 @@ class Crashes:
         self._file = -1
         try:
             self._folder.mkdir(mode=0o700, exist_ok=True)
+            if others_can_change(self._folder.stat(), (0, os.geteuid())):
+                # They could blame a zone, or have another file of this account emptied.
+                raise PermissionError(errno.EPERM, "other accounts can change it")
+            self.suspects = self._left()
             self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
         except OSError as error:
             self._say(error)
+        self._suspected = {(one.zone, one.time): one.crashes for one in self.suspects if one.crashes < MOST}
 
     @property
     def guilty(self) -> dict[str, Suspect]:

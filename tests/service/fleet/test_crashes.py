@@ -67,11 +67,17 @@ def test_a_file_that_is_damaged_blames_nobody(tmp_path: Path, content: bytes) ->
     assert Crashes("campus", "shard-0", tmp_path).suspects == ()
 
 
-def test_a_folder_that_cannot_be_written_costs_the_notes_and_not_the_shard(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize("shared", [False, True])
+def test_a_folder_that_is_not_its_own_costs_the_notes_and_not_the_shard(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, shared: bool
 ) -> None:
     folder = tmp_path / "notes"
-    folder.write_text("no folder", encoding="utf-8")
+    if shared:
+        folder.mkdir()
+        folder.chmod(0o777)
+        (folder / "campus.shard-0.steps").write_text('[["cellar", 600, 9]]\n', encoding="utf-8")
+    else:
+        folder.write_text("no folder", encoding="utf-8")
     crashes = Crashes("campus", "shard-0", folder)
     with crashes.stepping("cellar", 600):
         pass
