@@ -122,6 +122,10 @@ class Checkpoints(ABC):
     def _mismatch(self, zone: str) -> StateMismatch:
         """What is raised of a zone whose checkpoints have another fingerprint."""
 
+    def close(self) -> None:
+        """Let go of everything, if anything is held; safe to call twice."""
+        return
+
     def newest(self, zone: str) -> Found | None:
         """The newest sound checkpoint of `zone`, or None; the log tells which damaged ones are left out."""
         for found in self.found(zone):
@@ -201,7 +205,7 @@ class CheckpointStore(Checkpoints):
     def set_aside(self, zone: str, after: int = BEGINNING - 1) -> None:
         """As all checkpoints; in a folder of their own."""
         folder = self.path / zone
-        files = [path for path in _newest_first(folder) if int(path.stem) > after]
+        files = [path for path in self.files(zone) if int(path.stem) > after]
         aside = folder / f"reset-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}"
         if not files:
             return

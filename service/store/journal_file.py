@@ -50,7 +50,7 @@ class JournalFile(Database):
         try:
             with translated(path):
                 _prepare(connection, path)
-        except JournalError:
+        except BaseException:
             connection.close()
             raise
         return cls(connection, path)

@@ -191,9 +191,12 @@ class JournalStore(ABC):
             await asyncio.sleep(self.prune_seconds)
 
     def close(self) -> None:
-        """Make durable what was recorded, and close the journal; safe to call twice."""
+        """Make durable what was recorded, and close everything; safe to call twice."""
         self._thread.shutdown(wait=True)
-        self.journal.close()
+        try:
+            self.journal.close()
+        finally:
+            self.checkpoints.close()
 
     async def _commit_accepted(self) -> Mapping[str, Fenced]:
         """Commit what was accepted; why that of some zones was not, by zone."""

@@ -26,8 +26,7 @@ class PostgresStore(JournalStore):
             self.database.close()
             raise
         self._beside = LeasedDatabase(connection, site, lease)
-        self._kept = PostgresCheckpoints(self._beside)
-        super().__init__(Journal(self.database), self._kept, self.database.place)
+        super().__init__(Journal(self.database), PostgresCheckpoints(self._beside), self.database.place)
 
     async def give_up(self, zone: str) -> None:
         """Leave `zone` to the next owner that claims it, with everything that was recorded durable; stop it before."""
@@ -40,9 +39,3 @@ class PostgresStore(JournalStore):
     def measures(self) -> list[Measure]:
         text = "Size of samples, history and readings of the site"
         return [Measure("thermogate_journal_bytes", "gauge", text, (), lambda: single(float(self.known_size)))]
-
-    def close(self) -> None:
-        try:
-            super().close()
-        finally:
-            self._kept.close()
