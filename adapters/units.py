@@ -30,6 +30,9 @@ _DIMENSIONS: dict[str, dict[str, Affine]] = {
 ENERGIES = {"J": 1.0, "Wh": 3600.0, "kWh": 3.6e6, "MWh": 3.6e9, "MJ": 1e6, "GJ": 1e9}
 """Units of energy, in J. A channel in one of them is a counter, or amounts of energy, of which power is made."""
 
+SYMBOLS = {"°C": "degC", "°F": "degF", "W/m²": "W/m2"}
+"""Symbols of units that a keyboard may not have, as they are written here."""
+
 # Wider than any building: what lies outside is a broken sensor or a wrong unit, not weather.
 _VALID_RANGES = {"degC": (-60.0, 80.0), "W": (-1e6, 1e6), "W/m2": (-20.0, 2000.0)}
 

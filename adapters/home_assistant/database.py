@@ -20,17 +20,11 @@ import numpy.typing as npt
 
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
 from adapters.series.database import Database, Points
+from adapters.units import SYMBOLS
 
 HOUR = 3600.0
 
-UNITS = {
-    "°C": "degC",
-    "°F": "degF",
-    "K": "K",
-    "%": "%",
-    **{unit: unit for unit in ("W", "kW", "MW", "BTU/h", "Wh", "kWh", "MWh", "MJ", "GJ")},
-    "W/m²": "W/m2",
-}
+UNITS = SYMBOLS | {unit: unit for unit in ("K", "%", "W", "kW", "MW", "BTU/h", "Wh", "kWh", "MWh", "MJ", "GJ")}
 """What Home Assistant calls the units that Thermogate knows."""
 
 _WORDS = {

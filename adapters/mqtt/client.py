@@ -15,6 +15,8 @@ from adapters.mqtt.broker import BrokerConfig
 
 OnMessage = Callable[[Incoming], None]
 
+ONLINE, OFFLINE = b"online", b"offline"
+"""What a topic says of us, the latter also as the last will."""
 IN_FLIGHT = 100
 """Messages that wait for the broker's word at a time, at most."""
 

@@ -11,11 +11,9 @@ from adapters.errors import SourceUnavailable, said_of
 from adapters.messages.decoding import numbers_in
 from adapters.messages.inbox import Inbox, Incoming
 from adapters.messages.subscribed import EVERYTHING, MOST_PLACES, SubscribedSource
-from adapters.mqtt.client import Client, Will, connected
+from adapters.mqtt.client import OFFLINE, ONLINE, Client, Will, connected
 from adapters.mqtt.config import MqttSourceConfig
 from adapters.scanning import Scan, Scanned
-
-ONLINE, OFFLINE = b"online", b"offline"
 
 HEADINGS = ("topic", "pointer", "number", "came")
 

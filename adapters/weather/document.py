@@ -10,6 +10,7 @@ import numpy as np
 from adapters.errors import SourceUnavailable
 from adapters.fields.words import printable
 from adapters.payload.objects import KeyTwice, distinct
+from adapters.units import SYMBOLS
 from adapters.weather.forecast import Array, WeatherForecast, WeatherSeries, series_of
 
 LONGEST = 4 * 10**6
@@ -18,7 +19,6 @@ LONGEST = 4 * 10**6
 _BLOCKS = ("minutely_15", "hourly")
 """Blocks of a document that hold series, the finest first: of a series that is in both, the finest counts."""
 
-_UNITS = {"°C": "degC", "°F": "degF", "W/m²": "W/m2", "K": "K"}
 _MOST_AHEAD = 86400.0
 """s that a local time may be ahead of UTC."""
 _PRECEDING = ("radiation", "irradiance")
@@ -77,7 +77,7 @@ def _series(document: Mapping[str, Any], block: str) -> dict[str, WeatherSeries]
         unit = str(units.get(name, ""))
         # Radiation is told as the mean of the time before, unless the name says instant.
         preceding = any(word in name for word in _PRECEDING) and not name.endswith("_instant")
-        found[name] = series_of(times, numbers, _UNITS.get(unit, unit), "preceding" if preceding else "instant")
+        found[name] = series_of(times, numbers, SYMBOLS.get(unit, unit), "preceding" if preceding else "instant")
     return found
 
 

@@ -16,14 +16,13 @@ from adapters.fields.addresses import web_address
 from adapters.fields.values import Flag, choice
 from adapters.fields.words import shown
 from adapters.mqtt.broker import BrokerConfig, Topic
-from adapters.mqtt.client import IN_FLIGHT, Client, Will, connected
+from adapters.mqtt.client import IN_FLIGHT, OFFLINE, ONLINE, Client, Will, connected
 from service.pauses import GrowingPause, within
 from service.publish.home_assistant import discovery
 from service.publish.language import LANGUAGES
 from service.publish.sinks import Announcement, Sink, SinkKind
 from service.records.measures import Measure, single
 
-ONLINE, OFFLINE = b"online", b"offline"
 CLEARED = b""
 """An empty retained message makes the broker forget the topic."""
 FIRST_PAUSE = 1.0

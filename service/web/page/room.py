@@ -1,22 +1,22 @@
 """The route that the page of a room opens with: how it does, what it is like, and what to do."""
 
-import math
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
+from estimator.arrays import DAY
 from service.forecast.answers import Room
 from service.forecast.room import Past, RoomQuestion
 from service.publish.language import told_in
 from service.records.record import document
 from service.web.answering import Language, asked, json_answer, route
+from service.web.page.series import end_of
 from service.web.site import Asked, Here
 
 DAYS = 7
 """Days that are looked at, unless others are asked for."""
 POINTS = 48
 """Intervals of a day that are looked at."""
-_DAY = 86400
 
 router = APIRouter(tags=["zones"])
 
@@ -29,9 +29,8 @@ async def room(
     language: Language = "en",
 ) -> Response:
     """How the room does, what it is like, and what to do, in sentences"""
-    last = view.now().status.last_sample_time
-    end = 0 if last is None else math.ceil(last + view.period)
-    series = await view.series(end - days * _DAY, end, days * POINTS + 1)
+    end = end_of(view)
+    series = await view.series(end - days * DAY, end, days * POINTS + 1)
     about = view.surroundings
     question = RoomQuestion(Past.of(series), about.floor_area, site.backend.time_zone, about.entered)
     found = await asked(view, question)

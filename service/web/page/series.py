@@ -36,7 +36,7 @@ async def series(
     points: Annotated[int, Query(ge=10, le=MAX_POINTS, description="how many buckets at most")] = _DEFAULT_POINTS,
 ) -> SeriesPayload:
     """History in a bounded number of points, with the inputs: for charts"""
-    until = _end(view) if end is None else math.ceil(end.timestamp())
+    until = end_of(view) if end is None else math.ceil(end.timestamp())
     since = until - DAY if start is None else math.ceil(start.timestamp())
     # Times that a time stamp can say, whatever is asked for.
     since, until = max(since, _EARLIEST), min(until, _LATEST)
@@ -69,7 +69,7 @@ def _numbers(values: Array) -> tuple[float, ...]:
     return tuple(float(f"{value:.6g}") for value in values.tolist())
 
 
-def _end(zone: ZoneView) -> int:
+def end_of(zone: ZoneView) -> int:
     """When the newest sample ends, UTC s; without any, the beginning of 1970, of which there is no history."""
     last = zone.now().status.last_sample_time
     return 0 if last is None else math.ceil(last + zone.period)
