@@ -11,11 +11,10 @@ environment that fails.
 import asyncio
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from math import inf
 
-from adapters.reading import Reading
 from estimator.types import ALPHA_LEVELS
 from service.errors import ServiceError, StateMismatch
 from service.pauses import GrowingPause, within
@@ -174,15 +173,10 @@ class Zone:
         return await store.resume_after(self.id, at)
 
     def align(self, alignment: Alignment, live: bool = False, pace: float = inf) -> None:
-        """Take telemetry through `alignment` from now on; before `deliver`, after `prepare`. A `live` zone goes by the
-        wall clock (`elapse`), not by what its sources say the time is; a recording is played at so many times its
-        `pace`."""
+        """Take telemetry through `alignment` from now on, once `prepare` is done. A `live` zone goes by the wall clock,
+        not by what its sources say the time is; a recording is played at so many times its `pace`."""
         self.intake.alignment, self.intake.live = alignment, live
         self._timeliness.patience = self.period if live else inf if pace == inf else self.period / pace
-
-    async def deliver(self, source: str, readings: Sequence[Reading], now: float) -> None:
-        """Readings of `source`, and its clock: the samples that close by them are accepted."""
-        await self.intake.deliver(source, readings, now)
 
     async def end(self, source: str) -> None:
         """`source` has come to its end."""

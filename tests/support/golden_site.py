@@ -138,7 +138,7 @@ async def learned(folder: Path) -> AsyncIterator[GoldenSite]:
         async for part in recorded(config, zones, None, None):
             zone = zones[part.zone]
             if part.now < inf:
-                await zone.deliver(part.source, part.readings, part.now)
+                await zone.intake.deliver(part.source, part.readings, part.now)
             elif part.zone == ENDED:
                 await zone.end(part.source)
         for zone in zones.values():

@@ -123,7 +123,7 @@ async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Zone]) ->
     for first in range(0, len(deliveries), TOGETHER):
         # A zone that a reload has taken away meanwhile wants nothing more.
         delivering = [
-            zones[share.zone].deliver(share.source, share.readings, share.now)
+            zones[share.zone].intake.deliver(share.source, share.readings, share.now)
             for share in deliveries[first : first + TOGETHER]
             if share.zone in zones
         ]

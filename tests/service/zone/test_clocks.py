@@ -50,7 +50,7 @@ class Life:
             if readings:
                 now = self.wall.now
                 values = {"T_air": 20.0, "T_out": 5.0, "T_adj": 18.0, "u_heat": 0.0}
-                await self.zone.deliver("bms", [Reading(f"z/{name}", now, v) for name, v in values.items()], now)
+                await self.zone.intake.deliver("bms", [Reading(f"z/{name}", now, v) for name, v in values.items()], now)
             if self.zone.intake.is_due():
                 await self.zone.intake.keep_time()
             await self.zone.settled()

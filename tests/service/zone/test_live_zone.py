@@ -89,9 +89,9 @@ async def test_a_live_zone_names_what_its_device_refuses_until_it_gives_it(tmp_p
         channel = network.channels[0]
         now = shared.clock.wall()
         refused = Reading(channel, now, float("nan"), Quality.BAD, Fault.REFUSED_BY_DEVICE)
-        await zone.deliver("bms", [refused], now)
+        await zone.intake.deliver("bms", [refused], now)
         assert f"the device refuses {channel}; the log says why" in zone.now().status.reason
         begin = now // zone.period * zone.period
-        await zone.deliver("bms", [Reading(channel, begin, 20.0)], begin)
+        await zone.intake.deliver("bms", [Reading(channel, begin, 20.0)], begin)
         await zone.intake.elapse(begin + 3 * zone.period)
         assert "refuses" not in zone.now().status.reason

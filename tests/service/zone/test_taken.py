@@ -49,7 +49,7 @@ async def test_each_channel_and_time_is_accepted_once(tmp_path):
 async def test_who_wrote_a_channel_is_known_and_another_one_is_told_of(tmp_path, caplog):
     async with plumbing(tmp_path) as shared:
         zone = aligned(make(shared))
-        await zone.deliver("bms", [reading(INPUT, 9.0, 5.0)], DAY + 9.0)
+        await zone.intake.deliver("bms", [reading(INPUT, 9.0, 5.0)], DAY + 9.0)
         for key, time in (("key one", 10.0), ("key one", 11.0), ("key two", 12.0), ("key one", 12.0)):
             asked_by(Asker(key))
             await zone.intake.take("post", [reading(OUTPUT, time)])
@@ -79,8 +79,8 @@ async def test_a_sample_goes_on_where_its_source_is_stopped_meanwhile(tmp_path, 
         failed: list[int] = []
         monkeypatch.setattr(store, "append", slowly)
         monkeypatch.setattr(service.zone.intake, "FIRST_PAUSE", 0.01)
-        await zone.deliver("post", [reading(OUTPUT, 10.0)], DAY + 10.0)
-        feed = asyncio.create_task(zone.deliver("post", [reading(OUTPUT, PERIOD + 10.0)], DAY + PERIOD + 10.0))
+        await zone.intake.deliver("post", [reading(OUTPUT, 10.0)], DAY + 10.0)
+        feed = asyncio.create_task(zone.intake.deliver("post", [reading(OUTPUT, PERIOD + 10.0)], DAY + PERIOD + 10.0))
         await asyncio.sleep(0)
         await asyncio.sleep(0)
         feed.cancel()
@@ -101,7 +101,7 @@ async def test_a_zone_closes_while_the_journal_fails(tmp_path, monkeypatch):
             raise JournalError("the disk is full")
 
         monkeypatch.setattr(shared.store, "append", full)
-        await zone.deliver("post", [reading(OUTPUT, 10.0)], DAY + 10.0)
+        await zone.intake.deliver("post", [reading(OUTPUT, 10.0)], DAY + 10.0)
         delivered = asyncio.create_task(zone.intake.elapse(DAY + 3 * PERIOD))
         await asyncio.sleep(0.05)
         await zone.intake.close()

@@ -196,7 +196,7 @@ async def test_a_source_that_does_not_deliver_shows_on_its_zone_until_it_does(tm
         assert zone.now().status.state == "stalled"
         assert "the file is gone" in zone.now().status.reason
         assert announcer.states[-1] == "stalled"
-        await zone.deliver("bms", [], 0.0)
+        await zone.intake.deliver("bms", [], 0.0)
         await finished(zone, running)
         assert zone.now().status.state == "running"
 
@@ -208,7 +208,7 @@ async def test_a_set_point_is_among_the_channels_of_a_zone_that_has_one(tmp_path
         zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z")))
         assert zone.now().status.channels == zone.network.channels
         zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z", setpoint_age=3600.0)))
-        await zone.deliver("bms", [Reading("z/setpoint", PERIOD + 10.0, 21.0)], 2 * PERIOD)
+        await zone.intake.deliver("bms", [Reading("z/setpoint", PERIOD + 10.0, 21.0)], 2 * PERIOD)
         *_, last = StatusPayload.of(zone.now().status, None).channels
         assert (last.channel, last.last_good, last.age_s) == ("setpoint", PERIOD + 10.0, PERIOD - 10.0)
         await finished(zone, running)
@@ -224,7 +224,7 @@ async def test_a_recording_that_had_ended_before_this_start_still_tells_its_time
         await zone.prepare()
         zone.align(Alignment(zone.network, PERIOD, ["only", "other"], Rules(zone="z")))
         await zone.end("only")
-        await zone.deliver("other", [], 9000.0)
+        await zone.intake.deliver("other", [], 9000.0)
         assert zone.now().status.now == 2 * PERIOD, "of two the earlier one"
         await zone.end("other")
         await finished(zone, asyncio.create_task(zone.run()))

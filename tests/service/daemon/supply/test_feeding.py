@@ -38,7 +38,7 @@ class Recorder:
     """A zone that notes what it is told."""
 
     def __init__(self):
-        self.told = []
+        self.told, self.intake = [], self
 
     async def deliver(self, source, readings, now):
         self.told.append(("deliver", now, len(readings)))
