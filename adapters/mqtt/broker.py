@@ -26,10 +26,6 @@ def topic(value: object) -> str:
 Topic = Annotated[str, BeforeValidator(topic)]
 
 
-class MqttTlsConfig(CertificatesConfig):
-    """tls of a broker; an empty table trusts the authorities of the system."""
-
-
 class BrokerConfig(LoginConfig):
     """What every table that leads to a broker has."""
 
@@ -39,7 +35,7 @@ class BrokerConfig(LoginConfig):
     client_id: Text | None = Field(
         default=None, description="name at the broker; none: `thermogate-<site>`, of a source with `-<name>`"
     )
-    tls: MqttTlsConfig | None = Field(
+    tls: CertificatesConfig | None = Field(
         default=None, description="TLS; none: no encryption, `{}`: the system's authorities"
     )
     keepalive: PositiveDuration = Field(default=30.0, description="silence after which the connection counts as lost")

@@ -16,7 +16,7 @@ import numpy as np
 
 from adapters.reading import Reading
 from estimator.arrays import Array, Indices
-from service.errors import Fenced, JournalError
+from service.errors import Fenced, JournalError, reset_by_run
 from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.sample import Sample
 from service.records.update import Update
@@ -25,7 +25,6 @@ from service.store.journal_file import JournalFile
 from service.store.journal_rows import (
     HistoryReader,
     SampleRow,
-    damaged_sample,
     history_row,
     linked_sample,
     reading_row,
@@ -274,7 +273,11 @@ class Journal:
                 try:
                     sample = linked_sample((zone, *values), link, previous)
                 except (ValueError, TypeError, AttributeError, struct.error) as error:
-                    raise damaged_sample(self.database.place, zone, values[0], error, self.database.reset) from error
+                    reset = self.database.reset or reset_by_run(zone)
+                    raise JournalError(
+                        f"{self.database.place} holds a damaged sample of zone '{zone}' at {values[0]} ({error}); "
+                        f"check the disk, then restore a backup, or give the zone's state up {reset}"
+                    ) from error
                 if skipped is None:
                     yield sample
                 previous = link

@@ -15,7 +15,6 @@ import numpy as np
 
 from adapters.reading import Quality, Reading
 from estimator.arrays import Array, Indices
-from service.errors import JournalError, reset_by_run
 from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.record import values
 from service.records.sample import Sample
@@ -68,14 +67,6 @@ def linked_sample(row: Accepted, link: int | None, previous: int) -> Sample:
     outputs, inputs = (np.frombuffer(blob, dtype="<f8").astype(np.float64) for blob in row[2:4])
     setpoint = math.nan if row[6] is None else float(row[6])
     return Sample(row[1], outputs, inputs, _qualities(row[4]), _qualities(row[5]), setpoint)
-
-
-def damaged_sample(place: str, zone: str, time: int, reason: object, reset: str | None = None) -> JournalError:
-    """What is told of a sample at `place` that cannot be used; `reset` as in StateMismatch."""
-    return JournalError(
-        f"{place} holds a damaged sample of zone '{zone}' at {time} ({reason}); check the disk, then restore a backup, "
-        f"or give the zone's state up {reset or reset_by_run(zone)}"
-    )
 
 
 def history_row(zone: str, row: HistoryRow) -> tuple[object, ...]:
