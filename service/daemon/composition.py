@@ -18,7 +18,7 @@ from service.forecast.ahead import LookingAhead
 from service.publish.kinds import SINK_KINDS
 from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
-from service.publish.zenoh import Answering, Publisher, Question, Reply
+from service.publish.zenoh import Publisher
 from service.records.outlook import WeatherBook
 from service.records.view import ZoneView
 from service.store.journalling import JournalStore
@@ -100,9 +100,6 @@ async def open_sinks(config: Config, opened: AsyncExitStack) -> list[Sink]:
     return sinks
 
 
-_ELSEWHERE = b'{"detail": "the zones of this shard may be another one\'s by now; ask again"}'
-
-
 async def answer_on_zenoh(
     sinks: Sequence[Sink],
     config: Config,
@@ -119,14 +116,6 @@ async def answer_on_zenoh(
     from service.web.app import create_questions
 
     questions = create_questions(config.site.id, zones, config.site.time_zone)
-    queries = Queries(questions, asyncio.get_running_loop())
-
-    def answer(question: Question, reply: Callable[[Reply], None]) -> None:
-        if allowed():
-            queries.answer(question, reply)
-        else:
-            reply(Reply(False, _ELSEWHERE))
-
-    answering: Answering = answer
+    queries = Queries(questions, asyncio.get_running_loop(), allowed)
     for publisher in publishers:
-        await asyncio.to_thread(publisher.answer_with, answering, of_site)
+        await asyncio.to_thread(publisher.answer_with, queries.answer, of_site)

@@ -33,12 +33,18 @@ _log = logging.getLogger(__name__)
 class Queries:
     """Asks the routes of an application what comes on Zenoh."""
 
-    def __init__(self, routes: ASGIApp, loop: asyncio.AbstractEventLoop) -> None:
-        """`routes` are those of REST without what guards them from other machines; they run in `loop`."""
-        self._routes, self._loop = routes, loop
+    def __init__(
+        self, routes: ASGIApp, loop: asyncio.AbstractEventLoop, allowed: Callable[[], bool] = lambda: True
+    ) -> None:
+        """`routes` are those of REST without what guards them from other machines; they run in `loop`, while that is
+        `allowed`."""
+        self._routes, self._loop, self._allowed = routes, loop, allowed
 
     def answer(self, question: Question, reply: Callable[[Reply], None]) -> None:
         """Begin to answer `question`; `reply` gets the answer. From any thread."""
+        if not self._allowed():
+            reply(Reply(False, b'{"detail": "the zones of this shard may be another one\'s by now; ask again"}'))
+            return
         try:
             asyncio.run_coroutine_threadsafe(self._answered(question, reply), self._loop)
         except RuntimeError:
