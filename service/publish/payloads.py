@@ -145,7 +145,6 @@ class AheadOutputPayload:
     @classmethod
     def of(cls, one: CompactOutputPayload, sample_time: int, period: float) -> Self:
         """The hours ahead of `one`, an output of a fan with a single level, of a zone with this `period` [s]."""
-
         columns = np.array([one.mean, one.sd, one.lower[0], one.upper[0]])
         counts = (round(horizon / period) for horizon in HORIZONS)
         # One step ahead is the published forecast itself.

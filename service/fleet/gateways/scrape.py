@@ -34,7 +34,6 @@ class FleetCollector(Collector):
 
 
 async def _asked(shards: Sequence[Peer]) -> dict[str, list[Metric]]:
-
     async def one(shard: Peer) -> list[Metric] | None:
         try:
             metrics: list[Metric] = await shard.ask("metrics", timeout=SCRAPE_SECONDS)
