@@ -188,10 +188,7 @@ def _copy(state_dir: Path, folder: Path) -> int:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
         steps = _copy_checkpoints(state_dir, folder / CHECKPOINTS)
-        with (
-            database(state_dir / JOURNAL) as source,
-            closing(sqlite3.connect(folder / JOURNAL)) as copy,
-        ):
+        with database(state_dir / JOURNAL) as source, closing(sqlite3.connect(folder / JOURNAL)) as copy:
             # While this reads, the copy is of one moment, and what the daemon commits does not make it begin anew.
             source.execute("BEGIN")
             source.backup(copy)

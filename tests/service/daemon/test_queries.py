@@ -45,11 +45,7 @@ def publisher_and_session():
 
 
 @pytest.fixture
-def session(
-    app,
-    loop,
-    publisher_and_session,
-):
+def session(app, loop, publisher_and_session):
     publisher, session = publisher_and_session
     publisher.answer_with(Queries(app[1], loop).answer)
     return session
