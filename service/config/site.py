@@ -154,7 +154,6 @@ class ZoneTable(Table):
     channels: dict[str, SerializeAsAny[ChannelConfig]] = Field(
         description='a table with one line per channel, such as T_i = { source = "bms", column = "Ti", unit = "degC" }'
     )
-
     setpoint: SerializeAsAny[ChannelConfig] | None = Field(
         default=None, description='a table as that of a channel, such as { source = "bms", ..., unit = "degC" }'
     )

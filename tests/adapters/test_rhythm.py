@@ -19,7 +19,6 @@ async def test_polls_keep_their_rhythm_and_late_ones_are_counted(took, began, la
     loop = SimpleNamespace(time=lambda: clock.now)
     monkeypatch.setattr(adapters.rhythm, "asyncio", SimpleNamespace(get_running_loop=lambda: loop, sleep=sleep))
     rhythm, times = Rhythm("sources.bms", 0.1), [0.0]
-
     rhythm.begin()
     for seconds in took:
         clock.now += seconds

@@ -92,7 +92,6 @@ async def test_a_device_that_denies_what_it_offers_is_asked_one_by_one():
 
 async def test_a_subscription_brings_changes_and_polling_stops(monkeypatch):
     monkeypatch.setattr(adapters.bacnet.session, "CONFIRM", 3600.0)
-
     port, peer = one_device(None)
     air = peer.add(value=20.0)
     bms = source(port, [channel(stuck_after=3600.0, cov=True)])
@@ -120,7 +119,6 @@ async def test_a_subscription_brings_changes_and_polling_stops(monkeypatch):
 
 async def test_what_is_subscribed_to_is_confirmed_and_renewed(monkeypatch):
     monkeypatch.setattr(adapters.bacnet.session, "CONFIRM", 0.1)
-
     port, peer = one_device(None)
     air = peer.add(value=20.0, covIncrement=5.0)
     async with serving(peer), aclosing(source(port, [channel(cov=True)], lifetime=0.2).batches(None)) as stream:
@@ -133,7 +131,6 @@ async def test_what_is_subscribed_to_is_confirmed_and_renewed(monkeypatch):
 
 async def test_what_is_not_offered_is_polled(caplog):
     caplog.set_level(logging.INFO)
-
     port, peer = one_device(None)
     offered, refused = peer.add("analog-input,1", 1.0), peer.add("analog-input,2", 2.0)
     peer.refused.add(("analog-input", 2))
@@ -188,7 +185,6 @@ async def test_values_that_cannot_be_used():
 
 async def test_a_refused_object_loses_its_channel_only_and_is_asked_for_again(caplog):
     caplog.set_level(logging.INFO)
-
     port, peer = one_device()
     bms = source(port, [channel(), channel("two", "analog-input,2")])
     async with serving(peer), aclosing(bms.batches(None)) as stream:

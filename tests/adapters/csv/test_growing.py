@@ -45,7 +45,6 @@ async def test_a_followed_source_delivers_what_is_appended_and_ends_when_it_is_c
     first.write_bytes(HEAD + row(0, 20))
     last.write_bytes(HEAD + row(1, 21))
     source = recording("logger", [first, last], [{"id": "room/T", "column": "T"}], "time", follow=True)
-
     values: list[float] = []
     async for batch in source.batches(None):
         values += [reading.value for reading in batch.readings]

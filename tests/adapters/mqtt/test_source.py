@@ -63,7 +63,6 @@ async def test_a_retained_value_is_uncertain_and_gives_way_to_what_is_new(runnin
     meter = {"id": "room/u", "topic": "home/meter", "unit": "J", "to": "W"}
     party.put(TOPIC, "18", retain=True, qos=1)
     party.put("home/meter", "1000", retain=True, qos=1)
-
     watched = source(running.port, T, meter)
     async with listening(watched) as heard:
         await heard.until(heard.readings.__len__)
@@ -156,7 +155,6 @@ async def test_a_change_of_subscriptions_that_fails_opens_the_connection_anew(mo
     client = Unconfirmed()
     monkeypatch.setattr(adapters.mqtt.source, "connected", client.connected)
     monkeypatch.setattr(adapters.messages.subscribed, "LOOK", 0.05)
-
     watched = source(1, T)
     meter = {"id": "room/u", "topic": "home/meter"}
     known, more, still_more = (bound(watched._table, **one) for one in (T, OTHER, meter))
@@ -257,7 +255,6 @@ async def test_what_the_broker_refuses_is_a_sentence(
     running, folder = guarded
     given = {"tls": {"ca": folder / "ca.pem"}, "user": "bms", "password_file": "right", "version": version} | settings
     given["password_file"] = folder / given["password_file"]
-
     with pytest.raises(SourceUnavailable, match=r"^sources\.bms: ") as refused:
         await anext(source(running.port, **given).batches(None))
     assert sentence in str(refused.value)

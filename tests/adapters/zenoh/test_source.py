@@ -73,7 +73,6 @@ async def test_a_publisher_that_restarts_is_heard_again_with_what_it_published_b
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(adapters.zenoh.source, "LOST", 0.3)
-
     place = endpoint()
     async with listening(source(place, recover=60.0)) as heard:
         for life in (1, 2):
@@ -124,7 +123,6 @@ async def test_a_host_that_is_no_name_is_one_at_which_nobody_answers() -> None:
 
 async def test_our_listener_asks_for_user_and_password(tmp_path: Path) -> None:
     (tmp_path / "users").write_text("bms:secret-1\n", encoding="utf-8")
-
     place = endpoint()
     ours = source({"mode": "router", "listen": [place], "users_file": tmp_path / "users"})
     async with listening(ours) as heard:
@@ -196,7 +194,6 @@ async def test_a_listener_that_nobody_connects_to_stays_open_and_says_so(
 ) -> None:
     monkeypatch.setattr(adapters.zenoh.source, "LOST", 0.1)
     monkeypatch.setattr(adapters.messages.subscribed, "LOOK", 0.05)
-
     place = endpoint()
     async with listening(source({"mode": "peer", "listen": [place]})) as heard:
         await heard.until(lambda: "nobody has connected to" in caplog.text)

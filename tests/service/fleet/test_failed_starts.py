@@ -76,7 +76,6 @@ async def test_a_start_that_fails_gives_back_its_lease_and_closes_its_sinks(
     for kind in kinds:
         monkeypatch.setitem(SINK_KINDS, kind.name, kind)
     crashes = Crashes(site, "shard-0", tmp_path)
-
     try:
         before = own_threads()
         with monkeypatch.context() as patch:

@@ -57,7 +57,6 @@ async def test_a_question_is_given_up_with_its_client(monkeypatch: pytest.Monkey
     monkeypatch.setattr(module, "Crashes", lambda site, name: SimpleNamespace(suspects=()))
     monkeypatch.setattr(views_module, "LOOK", 0.05)
     stopping = threading.Event()
-
     with ThreadPoolExecutor(THREADS) as pool:
         try:
             shard: Any = Shard("campus", "shard-0")

@@ -34,7 +34,6 @@ async def test_a_zone_that_is_refused_can_be_taken_by_another_shard(tmp_path: Pa
         PostgresStore(postgres_server.connection, SITE, leases.acquire(name, name, 600.0)) for name in ("a", "b")
     )
     innocent: Any = SimpleNamespace(guilty={})
-
     try:
         sound, refused, waiting = await claimed(config, SimpleNamespace(store=first), innocent)
         assert (sound.zones, refused, waiting) == (config.zones, {}, frozenset())

@@ -176,7 +176,6 @@ async def test_it_finds_the_fleet_reloads_and_stops_it_in_order(
         return load(path)
 
     life = asyncio.create_task(Steward("campus", reread).run(config))
-
     await until(lambda: len(cluster.members) == 3)
     assert cluster.plan.version == 7, "nothing has changed"
     text = path.read_text(encoding="utf-8")

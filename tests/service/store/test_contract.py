@@ -36,7 +36,6 @@ async def test_a_sample_is_durable_when_append_returns_bit_for_bit_and_only_once
     odd = np.frombuffer(bytes.fromhex("010000000000f8ff") + np.array([-0.0, 5e-324]).tobytes())
     item = Sample(START, odd[:1], odd, (Quality.BAD,), (Quality.BAD, Quality.GOOD, Quality.UNCERTAIN), np.float64(20.5))
     none = Sample(START + 1, odd[:0], odd[:0], (), ())
-
     async with kept.opened() as store:
         await store.append("z", item)
         await store.append("z", item._replace(outputs=np.array([99.0])))
@@ -86,7 +85,6 @@ async def test_an_older_sample_is_passed_over_and_the_chain_goes_on_after_each_o
 
 async def test_history_is_seen_at_once_and_outlives_the_store(kept: Kept) -> None:
     first = make_update(0)._replace(score=None, y=(float("nan"),), log_likelihood=-0.0, setpoint=21.5)
-
     async with kept.opened() as store:
         store.record("z", make_update(0))
         seen = len(await store.run(store.journal.history, "z", None, None, 10))
@@ -112,9 +110,7 @@ async def test_history_is_seen_at_once_and_outlives_the_store(kept: Kept) -> Non
 @pytest.mark.parametrize("page", [7, 4000])
 async def test_a_series_is_thinned_and_hides_no_extreme(kept: Kept, page: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.store.journal.SERIES_ROWS", page)
-
     there = [*range(40), *range(60, 120)]
-
     async with kept.opened() as store:
         end = START + 120 * PERIOD
         stretch = Stretch("z", START, end, PERIOD, bucket_of(START, end, PERIOD, 30), 3)
@@ -267,7 +263,6 @@ async def test_a_zone_is_forgotten_whole_and_begins_anew(kept: Kept) -> None:
 
 async def test_what_lies_ahead_is_set_aside(kept: Kept) -> None:
     now = make_sample(5).time
-
     async with kept.opened() as store:
         for step in range(10):
             await store.append("z", make_sample(step))

@@ -19,17 +19,16 @@ class Failing:
 
     name = "office"
 
-    def __init__(self):
-        self.calls = 0
-        self.closed = False
+    def __init__(self, error=SourceUnavailable):
+        self.calls, self.closed, self.error = 0, False, error
 
     async def forecasts(self):
         self.calls += 1
         if self.calls != 3:
-            raise SourceUnavailable("weather.office: nobody answers")
+            raise self.error("weather.office: nobody answers")
         for issued in (0.0, 3600.0):
             yield WeatherForecast(issued, {"T_out": WeatherSeries(np.array([issued]), np.array([5.0]))})
-        raise SourceUnavailable("weather.office: nobody answers")
+        raise self.error("weather.office: nobody answers")
 
     async def close(self):
         self.closed = True
@@ -54,13 +53,7 @@ async def test_a_source_that_works_again_says_so_once(monkeypatch, caplog):
 
 
 async def test_a_reload_tries_again_what_has_given_up():
-    class Wrong(Failing):
-        async def forecasts(self):
-            self.calls += 1
-            raise SourceConfigError("weather.office: there is no such column")
-            yield
-
-    source, feeds = Wrong(), WeatherFeeds(WeatherBook())
+    source, feeds = Failing(SourceConfigError), WeatherFeeds(WeatherBook())
     for calls in (1, 2):
         await feeds.follow(configured(source))
         await until(feeds._tasks["office"].done)
