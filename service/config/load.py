@@ -78,8 +78,7 @@ def load_history(path: Path, history: Path, overrides: Sequence[str] = ()) -> Co
     if problems.sentences:
         raise ConfigError(problems.sentences)
     # Relative paths are those of the folder of their own file.
-    site = dict(plant["site"])
-    site["state_dir"] = str(path.resolve().parent / site.get("state_dir", "var/thermogate"))
+    site = plant["site"] | {"state_dir": str(checked.site.state_dir)}
     raw = {"site": site, "sources": told.get("sources"), "zones": zones}
     return _read(raw, history.resolve().parent, problems)
 

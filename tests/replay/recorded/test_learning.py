@@ -220,6 +220,12 @@ def test_mistakes_in_a_history_are_explained(tmp_path, old, new, sentence):
     assert any(sentence in problem for problem in raised.value.problems), raised.value.problems
 
 
+def test_what_is_learned_goes_where_the_daemon_looks_for_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    paths = written(tmp_path / "etc", PLANT.replace('"state"', '"~/state"'))
+    assert load_history(*paths).site.state_dir == load(paths[0]).site.state_dir == tmp_path / "state"
+
+
 def test_a_history_of_one_of_the_zones_of_a_meter_has_its_share(tmp_path):
     paths = written(tmp_path, (PLANT + NEXT_DOOR).replace('unit = "W"', 'unit = "W", share = "boiler"'))
     config = load_history(*paths, ['zones.room.setpoint={ source = "bms", topic = "s", unit = "degC" }'])
