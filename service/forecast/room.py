@@ -134,9 +134,10 @@ class RoomQuestion(NamedTuple):
             *last_day(worker, times, step, own, needed),
         ]
         warming = next((one.value for one in answers if one.about == "warming_up"), 0.0)
+        heat = _heating(worker.network)
         use = _Use(
-            partial(_heated, worker.network, self.past, standing),
-            partial(_share, _cooling(worker.network, self.past).sum(axis=1)),
+            partial(_share, np.nansum(self.past.inputs[:, heat], axis=1), standing.carried.record.largest[heat].sum()),
+            partial(_share, _cooling(worker.network, self.past).sum(axis=1), 0.0),
         )
         told = [*for_the_model(diagnosis, trust), *_for_comfort(comfort, self.past, warming, use)]
         return Room(
@@ -539,13 +540,7 @@ def _against_warmth(comfort: Comfort, heated: float, cooled: float) -> tuple[str
     return "shade the windows or air", f"it was too warm for {hours} h without much heating"
 
 
-def _heated(network: Network, past: Past, standing: Standing, when: Mask) -> float:
-    """Mean heating power `when` something was so, as a share of the largest; 0 without heating."""
-    heat = _heating(network)
-    return _share(np.nansum(past.inputs[:, heat], axis=1), when, standing.carried.record.largest[heat].sum())
-
-
-def _share(power: Array, when: Mask, most: float = 0.0) -> float:
+def _share(power: Array, most: float, when: Mask) -> float:
     """Mean of `power` (K,) [W] `when` something was so, as a share of its largest or `most`; 0 without any."""
     largest = max(float(most), float(power.max(initial=0.0)))
     return float(power[when].mean()) / largest if largest > 0.0 and when.any() else 0.0
