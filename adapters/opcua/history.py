@@ -19,9 +19,8 @@ class History(Database):
     async def points(self, channel: Any, begin: float, end: float, counter: bool) -> Points:
         """Values at begin, begin + step, ..., each recorded at most `hold` s before and not ended by a bad one."""
         if self._link is None:
-            link = OpcuaLink(self.table)
-            await link.open()
-            self._link = link
+            self._link = OpcuaLink(self.table)
+            await self._link.open()
         recorded = [
             (seen.time, verdict.raw)
             for seen in await self._link.history(channel.node, begin - self.table.hold, end)

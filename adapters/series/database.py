@@ -8,6 +8,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from http import HTTPStatus
 from http.client import HTTPException
@@ -77,7 +78,9 @@ class Server:
             with urllib.request.urlopen(request, timeout=_TIMEOUT) as answer:
                 body = answer.read(_LARGEST + 1)
         except urllib.error.HTTPError as error:
-            with error:
+            said = error.reason
+            # The connection may break off before all is told.
+            with error, suppress(OSError, HTTPException):
                 said = error.read(_SAID).decode("utf-8", "replace").strip()
             sentence = f"{self.url} answers {error.code} {said}"
             if error.code in (HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN):

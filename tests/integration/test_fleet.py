@@ -255,9 +255,7 @@ def _posted(site: Site, temperature: float, zone: str = POSTED) -> tuple[int, An
 def test_a_sample_that_ends_processes_is_passed_over(site: Site) -> None:
     since = site.samples()
     until(lambda: _posted(site, POISON, POISONED)[0] == 200, "the reading to be durable")
-
     skipped = f"SELECT skipped FROM \"thermogate_{SITE}\".samples WHERE zone = '{POISONED}' AND skipped IS NOT NULL"
-
     ((reason,),) = until(lambda: site.database.run(skipped), "the sample to be passed over")
     assert "3 processes ended while it was at work with its sample" in reason
     before = site.zones().get(POISONED, {"samples": 0})["samples"]

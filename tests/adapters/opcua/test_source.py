@@ -10,12 +10,13 @@ from datetime import UTC, datetime, timedelta
 from math import isnan
 from pathlib import Path
 from typing import Any
+from unittest.mock import AsyncMock
 
 import pytest
 from support.certificates import Pair, make_pair
 from support.processes import free_port
 from support.sources import bound, source_table
-from support.waiting import PATIENCE
+from support.waiting import PATIENCE, wait_until
 
 pytest.importorskip("asyncua", reason="asyncua is not installed")
 from asyncua import Node, Server, ua
@@ -305,6 +306,13 @@ async def test_history_is_what_held_at_every_step(plant: Plant) -> None:
     (probe,) = await (archive := past(plant.port, "ns=2;s=T")).probe(1.0)
     await archive.close()
     assert probe.value == 23.0
+
+
+async def test_a_session_that_fails_at_once_is_ended(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("asyncua.Client.get_namespace_array", AsyncMock(side_effect=ua.UaError("not now")))
+    with pytest.raises(SourceUnavailable, match="not now"):
+        await history(past(plant.port, "ns=2;s=T"))
+    await asyncio.to_thread(wait_until, lambda: not plant.server.bserver.clients)
 
 
 FOREIGN = Path(__file__).parents[3] / ".venv" / "node-opcua" / "node_modules"

@@ -36,7 +36,6 @@ async def test_a_zone_takes_its_set_points_from_it(tmp_path):
     (zone,) = config.zones
     times = np.array([datetime.fromisoformat(f"2025-07-01T{hour}:00+02:00").timestamp() for hour in ("05:59", "06:00")])
     assert zone.setpoint.foreknown(times) == pytest.approx([50 / 3, 190 / 9])
-
     async with aclosing(config.build_source("hours").batches(None)) as stream:
         ((channel, _, value, *_),) = (await anext(stream)).readings
     assert channel == "room/setpoint"

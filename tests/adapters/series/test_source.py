@@ -4,6 +4,7 @@ import asyncio
 import subprocess
 import time
 from datetime import UTC, datetime
+from unittest.mock import Mock
 
 import pytest
 from support import influx
@@ -147,6 +148,12 @@ def test_probe_shows_the_newest_value(ranges):
 def test_a_query_of_another_form_is_refused(query):
     with pytest.raises(ValueError, match="must be of the form"):
         parts(query)
+
+
+def test_an_error_that_breaks_off_is_told_by_its_reason(monkeypatch):
+    monkeypatch.setattr("http.client.HTTPResponse.read", Mock(side_effect=ConnectionResetError))
+    with answering(lambda *_: (503, b"busy")) as url, pytest.raises(SourceUnavailable, match="503 Service Unavail"):
+        readings({"kind": "prometheus", "url": url}, "up")
 
 
 def test_a_server_that_is_another_one():

@@ -222,7 +222,6 @@ def test_a_run_is_what_a_naive_loop_finds(estimator: str, options: dict[str, obj
     run = FilterRun(estimator, options, network, PERIOD, record, 3, leads=tuple(leads.values()))
     arrays = run_hours(run)
     found = Forecasts(*(arrays[name] for name in Forecasts._fields))
-
     model = registry.build(estimator, network, PERIOD, options)
     state = model.start(3, record.outputs[0], record.inputs[0])
     state = model.predict(state, record.inputs[0])
@@ -237,7 +236,6 @@ def test_a_run_is_what_a_naive_loop_finds(estimator: str, options: dict[str, obj
         assert found.crps[60 + lead, place] == pytest.approx(naive_crps(mixture, y), rel=close)
         below = float(mixture.weights @ ndtr((found.lower[60 + lead, place] - mixture.means[0]) / mixture.sds[0]))
         assert below == pytest.approx(0.025, abs=1e-6)
-
     begin = windows_of(record)[LATER].begin
     scores = figures(Recording("b", "", False, network, PERIOD, record), arrays)
     for place, (horizon, lead) in enumerate(leads.items()):
@@ -261,7 +259,6 @@ def test_a_network_with_known_heat_is_driven_as_in_the_daemon() -> None:
     record, where, leads = lived_in(3), Whereabouts(time_zone="Europe/Berlin"), (1, 6)
     options = {"members": {"habits": {"estimator": "mkf", "preset": "habits"}}}
     made = run_hours(FilterRun("bank", options, network, HOUR, record, 3, where, leads))
-
     heat = known_heat(network, HOUR, where)
     drive = heat.drive(record.times.astype(np.float64), record.inputs)
     model = registry.build("bank", network, HOUR, options)

@@ -13,7 +13,6 @@ def test_one_step_agrees_with_a_numerical_integration() -> None:
     unmeasured = np.array([[300.0, 0.0, -40.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
     start = np.array([21.0, 18.0, 20.0, 40.0])
     after = simulate(network, {}, inputs, 300.0, x0=start, unmeasured=unmeasured)[1]
-
     matrices = assemble(network, theta_vector(network))
     heat = matrices.inputs[0] @ inputs[0] + unmeasured[0]
     integrated = solve_ivp(

@@ -14,7 +14,6 @@ OF_DATABASES = EXAMPLES.parents[1] / "adapters" / "series" / "sample.toml"
 @pytest.mark.parametrize("path", [*sorted(EXAMPLES.glob("*.toml")), OF_DATABASES], ids=lambda path: path.stem)
 def test_example_passes_its_check(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(path)]) == 0
-
     shown = capsys.readouterr()
     assert shown.out.startswith("OK: site '")
     assert shown.err == ""

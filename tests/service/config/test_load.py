@@ -29,7 +29,6 @@ def test_relative_paths_are_taken_from_the_folder_of_the_file_and_home_is_expand
 def test_windows_line_ends_and_byte_order_mark(tmp_path: Path) -> None:
     path = write(tmp_path, sound(tmp_path))
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
-
     assert [zone.id for zone in load(path).zones] == ["living", "bedroom"]
 
 

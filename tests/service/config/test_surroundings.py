@@ -19,14 +19,13 @@ from service.daemon.runtime import Runtime
 from service.daemon.zone_table import Zones
 from service.records.outlook import WeatherLink
 
-OUTLOOK = {"kind": "open-meteo", "file": "forecast.json"}
 NOON = "2026-01-31T12:00Z"
 
 
 def tables(folder: Path) -> dict[str, Any]:
     """The sound configuration, with a forecast of the living room's outdoor temperature in another unit."""
     found = sound(folder)
-    found["weather"] = {"outlook": dict(OUTLOOK)}
+    found["weather"] = {"outlook": {"kind": "open-meteo", "file": "forecast.json"}}
     told = {"source": "outlook", "series": "temperature_2m", "unit": "degF"}
     found["zones"][0]["channels"]["T_out"]["forecast"] = told
     found["zones"][0]["channels"]["u_heat"]["installed"] = 2500.0

@@ -54,9 +54,7 @@ def test_a_restart_in_a_gap_goes_on_as_if_it_had_never_stopped(stop, tmp_path):
     record(tmp_path, range(20), silent)
     uninterrupted = asyncio.run(lived(config, tmp_path / "never"))
     assert sum("nan" in sample for sample in uninterrupted) == 4, "then the grid falls silent"
-
     record(tmp_path, range(stop), silent)
     asyncio.run(lived(config, tmp_path / "twice"))
     record(tmp_path, range(20), silent)
-
     assert asyncio.run(lived(config, tmp_path / "twice")) == uninterrupted

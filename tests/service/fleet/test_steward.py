@@ -205,9 +205,7 @@ async def test_what_a_member_was_started_with_cannot_be_reloaded(tmp_path: Path,
         await steward.go_over(load(small_site(tmp_path, shards=2, lease=LEASE + 1)))
 
 
-async def test_a_plan_that_could_not_be_kept_is_tried_again(
-    tmp_path: Path, cluster: Cluster, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_plan_that_is_not_kept_is_tried_again(tmp_path: Path, cluster: Cluster, monkeypatch: Any) -> None:
     config = load(small_site(tmp_path, shards=2, lease=LEASE))
     steward = Steward("campus", lambda: config)
     with monkeypatch.context() as failing, pytest.raises(ZeroDivisionError):

@@ -275,7 +275,6 @@ def test_a_signed_backup_cannot_be_made_up(kept: Path, tmp_path: Path, capsys: p
     assert main(["verify", str(signed.path), "--signed-by", str(public)]) == 0
     restored, _ = restore_backup(tmp_path / "new", "house", signed.path, False, public)
     assert restored.signed
-
     # Whoever changes a file can write a manifest that fits, but no signature.
     with tarfile.open(signed.path) as archive:
         archive.extractall(tmp_path / "forged", filter="data")

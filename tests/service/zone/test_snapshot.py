@@ -46,7 +46,6 @@ KINDS = {
 def test_all_that_a_zone_has_learned_in_days_goes_on_with_the_same_bits(name, tmp_path):
     """Its thermostat, the day before, what was verified, the balance and findings of its diagnosis, its trust."""
     period, stop = 1800, 3 * 48
-
     samples = list(house(4, period))
     zone, fresh = (worker(name, "tite", period, **KINDS[name]) for _ in range(2))
     back = through_disk(fed(zone, samples[:stop]), fresh, tmp_path)
