@@ -50,8 +50,8 @@ class RunningSite:
         self._store = store
         self._stopping = stopping or threading.Event()
         self._watching: list[asyncio.Future[Any]] = []
-        self._ahead = LookingAhead(config.site.id, self.zones, (self.metrics, *sinks))
         announced_to = (self.metrics, *sinks)
+        self._ahead = LookingAhead(config.site.id, self.zones, announced_to)
         plumbing = Plumbing(
             config.site.id,
             store,
