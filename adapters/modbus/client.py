@@ -30,7 +30,6 @@ EXCEPTIONS = {
     11: "gateway target does not respond",
 }
 """What exception codes mean (Modbus application protocol 1.1b3, 7)."""
-"""What exception codes mean (Modbus application protocol 1.1b3, 7)."""
 
 FUNCTION_CODES = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
 
