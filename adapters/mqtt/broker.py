@@ -7,7 +7,6 @@ from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field
 
-from adapters.errors import SourceConfigError
 from adapters.fields.logins import CertificatesConfig, LoginConfig
 from adapters.fields.values import Port, PositiveDuration, Text, Timeout, choice, text
 
@@ -62,11 +61,9 @@ class BrokerConfig(LoginConfig):
             yield from self.tls.problems()
 
     def context(self) -> ssl.SSLContext | None:
-        """What TLS needs, read anew; None without. SourceConfigError if a file cannot be used."""
+        """What TLS needs, read anew, where there are no `problems`; None without."""
         if self.tls is None:
             return None
-        for problem in self.tls.problems():
-            raise SourceConfigError(problem)
         context = _Context(ssl.PROTOCOL_TLS_CLIENT)
         context.patience = self.timeout
         if self.tls.ca is None:
