@@ -158,7 +158,8 @@ class Writer(Sink):
             except SourceError as error:
                 # It would be refused again, and what comes after it has to wait no longer.
                 self._report(type(error), f"{error}; what is refused is dropped")
-                self._dropped += len(batch)
+                with self._news:
+                    self._dropped += len(batch)
             else:
                 self._report(True, "lines arrive")
                 pause.reset()
