@@ -59,14 +59,13 @@ class ChannelConfig(Table):
         """Whether its value is known to be either on or off."""
         return False
 
-    @property
-    def foreknown(self) -> Callable[[Array], Array] | None:
-        """Its values at times (h,) [UTC s], of a channel that has them ahead of time."""
+    def foreknown(self, unit: str) -> Callable[[Array], Array] | None:
+        """Its values in `unit` at times (h,) [UTC s], past or to come; None where somebody has to deliver them."""
         return None
 
     @property
     def known_values(self) -> Sequence[float]:
-        """All raw values that it can come to have, where `foreknown` knows them."""
+        """All raw values that it can come to have, where `foreknown` knows them, otherwise none."""
         return ()
 
     @property

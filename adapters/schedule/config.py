@@ -81,9 +81,8 @@ class ScheduleChannelConfig(ChannelConfig):
         holidays = () if self.country is None else public_holidays(self.country)
         return Week(changes, ZoneInfo(self.time_zone), holidays)
 
-    @property
-    def foreknown(self) -> Callable[[Array], Array]:
-        week, edge = self.week, self.edge("degC")
+    def foreknown(self, unit: str) -> Callable[[Array], Array]:
+        week, edge = self.week, self.edge(unit)
         return lambda times: np.array([edge.value(value) for value in week.values(times).tolist()])
 
 

@@ -1,15 +1,15 @@
-"""A schedule as a live source: what it has now, again and again."""
+"""A schedule as a source. It delivers nothing: the values of its channels are known for any time (`foreknown`)."""
 
 import asyncio
 import time
 from collections.abc import AsyncIterator, Sequence
+from math import inf
 
 from adapters.channel import Binding
-from adapters.edge import Converter
 from adapters.reading import Batch, Probe, Source
 
 EVERY = 60.0
-"""s between two readings: an interval in which the value changes has its mean."""
+"""s between two signs of life."""
 
 
 class ScheduleSource(Source):
@@ -21,23 +21,21 @@ class ScheduleSource(Source):
         self.rebind(bindings)
 
     def rebind(self, bindings: Sequence[Binding]) -> None:
-        self._channels = [(Converter(one.id, one.edge()), one.channel.week) for one in bindings]
+        self._channels = [(one.id, one.edge(), one.channel.week) for one in bindings]
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
-        """The values of now, every EVERY s, until it is closed."""
+        """A batch without readings and without a clock every EVERY s, until it is closed."""
         while not self._closed.is_set():
-            now = time.time()
-            readings = (converter.reading(now, week.at(now)) for converter, week in self._channels)
-            yield Batch([reading for reading in readings if reading is not None], now)
+            yield Batch([], -inf)
             try:
-                await asyncio.wait_for(self._closed.wait(), EVERY - time.time() % EVERY)
+                await asyncio.wait_for(self._closed.wait(), EVERY)
             except TimeoutError:
                 continue
 
     async def probe(self, seconds: float) -> list[Probe]:
         now = time.time()
-        now_had = [(converter, week.at(now)) for converter, week in self._channels]
-        return [Probe(one.channel, "the schedule", f"{raw:g}", one.edge.value(raw), now) for one, raw in now_had]
+        now_had = [(channel, edge, week.at(now)) for channel, edge, week in self._channels]
+        return [Probe(channel, "the schedule", f"{raw:g}", edge.value(raw), now) for channel, edge, raw in now_had]
 
     async def close(self) -> None:
         self._closed.set()

@@ -205,7 +205,7 @@ def _check_channel_names(
 
 def _check_mixture(draft: ZoneDraft, kinds: Mapping[str, str | None], problems: Problems) -> None:
     """No zone mixes live and recorded sources."""
-    sources = dict.fromkeys(channel.source for _, _, channel in draft.delivered)
+    sources = dict.fromkeys(channel.source for _, _, channel in draft.delivered if not channel.known_values)
     known = {name: kind for name in sources if (kind := kinds.get(name)) is not None}
     live = [name for name, kind in known.items() if SOURCE_KINDS[kind].live]
     recorded = [name for name in known if name not in live]

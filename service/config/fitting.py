@@ -17,7 +17,7 @@ from service.config.site import Config, Whereabouts, ZoneConfig
 from service.records.outlook import SET_POINT_RANGE, SET_POINTS, Surroundings, WeatherLink
 from service.store.checkpoint import Checkpoint, Checkpoints
 from service.zone import snapshot
-from service.zone.alignment import Alignment, Rules
+from service.zone.alignment import Alignment, Rules, unit_of
 from service.zone.clock import PLAUSIBLE
 from service.zone.local_time import calendar, kinds_of_day, offsets
 from service.zone.worker import WorkerSettings, ZoneWorker
@@ -36,7 +36,7 @@ def make_worker(zone: ZoneConfig) -> ZoneWorker:
     )
     where, setpoint = zone.whereabouts, zone.setpoint
     local = calendar(where.time_zone, where.country, where.location)
-    to_come = ToCome(kinds_of_day(local), None if setpoint is None else setpoint.foreknown, offsets(local))
+    to_come = ToCome(kinds_of_day(local), None if setpoint is None else setpoint.foreknown("degC"), offsets(local))
     return ZoneWorker(estimator, settings, known_heat(estimator.network, zone.period, where), to_come)
 
 
@@ -56,6 +56,7 @@ def make_alignment(
     longest = max(zone.hold_inputs, *zone.max_ages.values(), 0.0)
     bridged = min(max(zone.max_gap, ceil(longest / zone.period)) + 1, _MOST_EMPTY)
     held = None if zone.setpoint is None else zone.hold_inputs
+    known = {name: table.foreknown(unit_of(zone.network, name)) for name, table in zone.delivered.items()}
     rules = Rules(
         {channel: table.aggregate for channel, table in zone.delivered.items()},
         zone=zone.id,
@@ -67,8 +68,9 @@ def make_alignment(
         # Nothing that is dated by a clock that was never set is believed.
         earliest=PLAUSIBLE if live else EARLIEST,
         setpoint_age=held if zone.setpoint is None or zone.setpoint.max_age is None else zone.setpoint.max_age,
+        known={name: values for name, values in known.items() if values is not None},
     )
-    return Alignment(zone.network, zone.period, {table.source for table in zone.delivered.values()}, rules)
+    return Alignment(zone.network, zone.period, zone.sources, rules)
 
 
 _Measured = Mapping[tuple[str, str], Sequence[tuple[str, str]]]

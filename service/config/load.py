@@ -58,9 +58,9 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Config:
 
 def load_history(path: Path, history: Path, overrides: Sequence[str] = ()) -> Config:
     """The configuration at `path` with the [sources], and of every zone the channels and set-point, of the file
-    `history` in place of its own; other zones are left out. A Parquet file is history itself: its columns are called
-    `zone/channel`, or `channel` where there is one zone only. Raises ConfigError with every mistake found, by its place
-    in `history`."""
+    `history` in place of its own; other zones are left out. A set-point that is a schedule stays where `history` has
+    none. A Parquet file is history itself: its columns are called `zone/channel`, or `channel` where there is one zone
+    only. Raises ConfigError with every mistake found, by its place in `history`."""
     checked = load(path, overrides)
     plant = apply_overrides(_parsed(path), overrides)
     told, unused = _from_parquet(history, plant) if is_parquet(history) else (_parsed(history), [])
@@ -79,7 +79,10 @@ def load_history(path: Path, history: Path, overrides: Sequence[str] = ()) -> Co
         raise ConfigError(problems.sentences)
     # Relative paths are those of the folder of their own file.
     site = plant["site"] | {"state_dir": str(checked.site.state_dir)}
-    raw = {"site": site, "sources": told.get("sources"), "zones": zones}
+    sources = told.get("sources")
+    if isinstance(sources, dict):
+        sources = _schedules(plant, checked, zones) | sources
+    raw = {"site": site, "sources": sources, "zones": zones}
     return _read(raw, history.resolve().parent, problems)
 
 
@@ -147,9 +150,20 @@ def _with_history(
         shares = {name: {"share": network.parameters[at].typical} for name, at in network.shares.items()}
         tables = {name: table for name, table in channels.items() if isinstance(table, dict) and name in shares}
         told = {**told, "channels": {**channels, **{name: table | shares[name] for name, table in tables.items()}}}
-    if SETPOINT in zone and SETPOINT not in told:
+    setpoint = found[1].setpoint
+    if setpoint is not None and setpoint.known_values:
+        told = {SETPOINT: zone[SETPOINT], **told}
+    elif setpoint is not None and SETPOINT not in told:
         problems.warn(place, f"has no {SETPOINT}, which zone {shown(id)} of {path} has: its thermostat learns nothing")
     return {key: value for key, value in zone.items() if key not in _OF_HISTORY_ZONES} | dict(told)
+
+
+def _schedules(plant: Mapping[str, Any], checked: Config, zones: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The sources of `plant`, which is `checked`, with the schedules that the set-points of the tables `zones` name."""
+    points = [zone.setpoint for zone in checked.zones if zone.setpoint is not None]
+    schedules = {point.source for point in points if point.known_values}
+    named = [point.get("source") for zone in zones if isinstance(point := zone.get(SETPOINT), dict)]
+    return {name: table for name, table in plant["sources"].items() if name in schedules and name in named}
 
 
 def load_sources(path: Path, overrides: Sequence[str] = ()) -> dict[str, SourceConfig]:

@@ -196,6 +196,11 @@ class ZoneConfig(ZoneTable):
         return self.channels if self.setpoint is None else {**self.channels, SETPOINT: self.setpoint}
 
     @property
+    def sources(self) -> frozenset[str]:
+        """The sources that deliver readings; a schedule has its values without any."""
+        return frozenset(table.source for table in self.delivered.values() if not table.known_values)
+
+    @property
     def max_ages(self) -> dict[str, float]:
         """How long inputs that have a time of their own may be held, s, by channel."""
         return {name: channel.max_age for name, channel in self.channels.items() if channel.max_age is not None}
@@ -270,7 +275,7 @@ class Config(Table):
 
     def goes_live(self, zone: ZoneConfig) -> bool:
         """Whether the sources of `zone` are live; they are all live or all recorded."""
-        return any(self.is_live(channel.source) for channel in zone.delivered.values())
+        return any(map(self.is_live, zone.sources))
 
     def pace_of(self, zone: ZoneConfig) -> float:
         """How many times faster than real time the telemetry of `zone` comes: 1 if it is live."""

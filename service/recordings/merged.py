@@ -14,7 +14,7 @@ async def recorded(
 ) -> AsyncIterator[Delivery]:
     """Deliver the recordings that feed `zones` from UTC time `start` up to `end`, the furthest behind first; at the end
     of a source its clock is infinite. Raises ServiceError where a source is live, or cannot be read."""
-    needed = {table.source for zone in config.zones if zone.id in zones for table in zone.delivered.values()}
+    needed = {source for zone in config.zones if zone.id in zones for source in zone.sources}
     for name, table in config.sources.items():
         if name in needed and config.is_live(name):
             raise ServiceError(

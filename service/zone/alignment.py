@@ -1,7 +1,7 @@
 """Readings onto the uniform grid of a zone: intervals that close, and the samples that come of them (paper 4.3.1)."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from math import inf, isfinite, nan
 from typing import NamedTuple
 
@@ -17,6 +17,8 @@ from service.zone.aggregation import AGGREGATES, Aggregate, Span, default_aggreg
 
 SETPOINT = "setpoint"
 """The channel of what a room is meant to have: observed and kept, but no part of the network."""
+SCHEDULED_EVERY = 60.0
+"""s between two values of a schedule: an interval in which it changes has its mean."""
 MOST_READINGS = 100_000
 """Of one channel in one interval, some MB; what is more is a flood, and no rule for aggregating needs all of it."""
 
@@ -43,6 +45,8 @@ class Rules(NamedTuple):
     """No time before it is believed, neither a reading's nor the wall clock's, UTC s."""
     setpoint_age: float | None = None
     """How long a set-point holds after the interval that it is of, in s; None: nobody tells it."""
+    known: Mapping[str, Callable[[Array], Array]] = {}
+    """Of each channel that no source delivers, since a schedule has it: its values at times (h,) [UTC s]."""
 
 
 class _Interval(NamedTuple):
@@ -77,6 +81,7 @@ class Alignment:
     increasing in time.
 
     A set-point comes with the samples and makes none. It may be told only when it changes, so it holds for a while.
+    What is `known` without a source makes no sample either.
 
     A bad reading is counted in `faults` and not used. So are one that comes after its interval closed (out of order),
     a second one of the same channel and time (duplicated; the first is kept), and what goes beyond MOST_READINGS.
@@ -106,6 +111,7 @@ class Alignment:
         ]
         prefix = "" if rules.zone is None else f"{rules.zone}/"
         self._slots = {prefix + channel: slot for slot, channel in enumerate(self.channels)}
+        self._known = {slot: rules.known[name] for slot, name in enumerate(self.channels) if name in rules.known}
         self._period = int(period)
         self._clocks = dict.fromkeys(sources, -inf)
         self._open: dict[int, _Interval] = {}
@@ -258,6 +264,9 @@ class Alignment:
             for slot, readings in enumerate(interval.readings[: self._width]):
                 if readings:
                     values[slot], qualities[slot] = self._aggregated(slot, index, readings, interval.uncertain)
+        for slot in self._known:
+            if slot < self._width:
+                values[slot], qualities[slot] = self._scheduled(slot, index)
         split = self._outputs
         return Sample(
             index * self._period,
@@ -277,9 +286,16 @@ class Alignment:
 
     def _setpoint(self, index: int) -> float:
         """The set-point in the interval; NaN if it is not known, or too old."""
+        if self._width in self._known:
+            return self._scheduled(self._width, index)[0]
         if self._meant is None or not 0 <= index * self._period - self._meant.time <= (self._rules.setpoint_age or 0.0):
             return nan
         return self._meant.value
+
+    def _scheduled(self, slot: int, index: int) -> tuple[float, Quality]:
+        times = index * self._period + np.arange(0.0, self._period, SCHEDULED_EVERY)
+        readings = dict(zip(times.tolist(), self._known[slot](times).tolist(), strict=True))
+        return self._aggregated(slot, index, readings, set())
 
     def _aggregated(
         self, slot: int, index: int, readings: dict[float, float], uncertain: set[tuple[int, float]]

@@ -65,7 +65,7 @@ class Intake:
     async def deliver(self, source: str, readings: Sequence[Reading], now: float) -> None:
         """Readings of `source`, and its clock: the samples that close by them are accepted."""
         self.trouble.pop(source, None)
-        if not self.live:
+        if not self.live and now > -inf:
             self.clocks[source] = now
         self.writers.update(dict.fromkeys((self._named(reading.channel) for reading in readings), f"source {source}"))
         await self.accept(self.aligned.add(source, readings, now))

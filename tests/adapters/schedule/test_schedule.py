@@ -1,6 +1,5 @@
 """A weekly schedule: what it has when, how it is written, and that forecasts know it."""
 
-from contextlib import aclosing
 from datetime import datetime
 
 import numpy as np
@@ -10,6 +9,7 @@ from support.tables import tabled
 
 from adapters.schedule.config import ScheduleConfig
 from service.config.load import load
+from service.recordings.samples import read_samples
 
 DAYS = [
     {"on": ["mon", "tue", "wed", "thu", "fri"], "at": {"06:30": 21.0, "22:00": 17.0}},
@@ -28,15 +28,20 @@ def test_a_value_holds_from_its_time_of_day_until_the_next(time, value):
     assert week().at(datetime.fromisoformat(time).timestamp()) == value
 
 
-async def test_a_zone_takes_its_set_points_from_it(tmp_path):
-    every = {"on": ["mon", "tue", "wed", "thu", "fri", "sat", "sun"], "at": {"06:00": 70.0, "22:00": 62.0}}
+def test_a_recorded_zone_takes_its_set_points_from_it(tmp_path):
+    every = {"on": ["mon", "tue", "wed", "thu", "fri", "sat", "sun"], "at": {"06:05": 70.0, "22:00": 62.0}}
     hours = {"kind": "schedule", "time_zone": "Europe/Berlin", "days": [every]}
-    zone = sites.zone("room", "posted", {}, setpoint={"source": "hours", "unit": "degF"})
-    config = load(sites.written(tmp_path, {"posted": {"kind": "http"}, "hours": hours}, [zone]))
+    zone = sites.recorded("room", period="10min", setpoint={"source": "hours", "unit": "degF"})
+    log = sites.recording(tmp_path / "log.csv", ["room"], 144, 600, (50, 5))
+    config = load(sites.written(tmp_path, {"log": log, "hours": hours}, [zone]))
     (zone,) = config.zones
-    times = np.array([datetime.fromisoformat(f"2025-07-01T{hour}:00+02:00").timestamp() for hour in ("05:59", "06:00")])
-    assert zone.setpoint.foreknown(times) == pytest.approx([50 / 3, 190 / 9])
-    async with aclosing(config.build_source("hours").batches(None)) as stream:
-        ((channel, _, value, *_),) = (await anext(stream)).readings
-    assert channel == "room/setpoint"
-    assert value in (pytest.approx(50 / 3), pytest.approx(190 / 9))
+    assert not config.goes_live(zone)
+    night, day = 50 / 3, 190 / 9
+    begin = datetime.fromisoformat("2025-05-03T06:00+02:00").timestamp()
+    assert zone.setpoint.foreknown("degC")(begin + np.array([240.0, 300.0])) == pytest.approx([night, day])
+    found = {sample.time: sample for sample in read_samples(config, [zone])["room"].samples}
+    assert len(found) == 144
+    setpoints = [found[begin + 600 * step].setpoint for step in (-1, 0, 1)]
+    assert setpoints == pytest.approx([night, (night + day) / 2, day])
+    assert any(np.isnan(sample.outputs[0]) for sample in found.values())
+    assert all(np.isfinite(sample.setpoint) for sample in found.values())

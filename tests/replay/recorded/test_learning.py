@@ -213,6 +213,15 @@ def test_a_history_without_the_room_is_none(tmp_path):
     assert learn(config, {"room": history}, jobs=1).traces == []
 
 
+def test_a_schedule_of_set_points_holds_for_the_past_too(tmp_path):
+    days = '{ on = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"], at = { "06:00" = 21.0, "22:00" = 17.0 } }'
+    hours = f'sources.hours={{ kind = "schedule", time_zone = "Europe/Berlin", days = [{days}] }}'
+    config = load_history(*written(tmp_path), [hours, 'zones.room.setpoint={ source = "hours" }'])
+    assert not config.warnings
+    learn(config, surveyed(config), jobs=1)
+    assert [sample.setpoint for sample in state_of(tmp_path)[1]] == 2 * (24 * [17.0] + 64 * [21.0] + 8 * [17.0])
+
+
 @tabled
 def test_mistakes_in_a_history_are_explained(tmp_path, old, new, sentence):
     with pytest.raises(ConfigError) as raised:
