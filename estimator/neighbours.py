@@ -23,11 +23,12 @@ from estimator.bank.bank import Bank, BankState
 from estimator.blackbox.arx import ARX, ARXState
 from estimator.blackbox.daily import Daily, DailyState
 from estimator.blackbox.direct import CLOCK, Direct
-from estimator.gaussian.augmented import AugmentedFilter, AugmentedState
+from estimator.gaussian.augmented import AugmentedFilter
+from estimator.gaussian.square_root import Gaussian
 from estimator.kernels.packing import packed
 from estimator.mixture.mkf import MKF, MKFState
 from estimator.network.network import Network
-from estimator.network.space import ParameterSpace, parameter_space
+from estimator.network.space import parameter_space
 from estimator.types import Estimator
 
 Experience = Mapping[str, Array]
@@ -106,13 +107,9 @@ def _member(other: Learned, name: str) -> Learned | None:
 # Parameters and coefficients.
 
 
-def _space(network: Network) -> ParameterSpace:
-    return parameter_space(network, logit=False)
-
-
 def _scales(network: Network) -> dict[str, tuple[float, float]]:
     """Centre and standard deviation of the prior of each coefficient and log parameter, by name."""
-    space = _space(network)
+    space = parameter_space(network, logit=False)
     centres, sds = space.from_uniform(np.full((len(space.free), 1), 0.5))[:, 0], np.sqrt(space.prior_variance)
     found = {f"c.{term.name}": (term.mean, term.sd) for term in network.terms}
     names = [parameter.name for parameter in network.free]
@@ -124,7 +121,7 @@ def _posterior(other: Learned) -> tuple[Array, Array]:
     """Means and variances (m + d,) of coefficients and log parameters, in the order of `_scales`."""
     state, network = other.state, other.estimator.network
     rows, size = len(network.free) + len(network.terms), len(state.mean)
-    if isinstance(state, AugmentedState):
+    if isinstance(state, Gaussian):
         return state.mean[size - rows :], (state.root[size - rows :] ** 2).sum(axis=1)
     weights, means = np.exp(state.log_weights), state.mean[size - rows :]
     variances = np.array([state.covariance[packed(row, row)] for row in range(size - rows, size)])
@@ -166,29 +163,26 @@ def _predicted(posteriors: Sequence[tuple[float, float]]) -> tuple[float, float]
     return middle, float(np.sqrt(np.clip(spread + width, _NARROWEST**2, 1.0)))
 
 
-def _begun_gaussian(estimator: AugmentedFilter, state: AugmentedState, known: Experience) -> AugmentedState:
-    free, space = len(estimator.network.free), _space(estimator.network)
-    mean, root = state.mean.copy(), state.root.copy()
-    centre = space.from_uniform(np.full((free, 1), 0.5))[:, 0]
-    shrunk = known["sd"][-free:] / np.sqrt(space.prior_variance)
-    mean[-free:] = np.clip(known["mean"][-free:] + shrunk * (mean[-free:] - centre), space.lower, space.upper)
-    root[-free:, -free:] = np.diag(known["sd"][-free:])
-    return AugmentedState(mean, root)
+def _begun_gaussian(estimator: AugmentedFilter, state: Gaussian, known: Experience) -> Gaussian:
+    network, space = estimator.network, parameter_space(estimator.network, logit=False)
+    free, mean, root = len(network.free), state.mean.copy(), state.root.copy()
+    centres, sds = np.array(list(_scales(network).values())).T
+    mean[-free:] = np.clip(known["mean"] + known["sd"] / sds * (mean[-free:] - centres), space.lower, space.upper)
+    root[-free:, -free:] = np.diag(known["sd"])
+    return Gaussian(mean, root)
 
 
 def _begun_mixture(estimator: MKF, state: MKFState, known: Experience) -> MKFState:
     """Centres and Gaussians of all particles moved and narrowed as the prior was."""
-    network, space = estimator.network, _space(estimator.network)
-    free, terms, size = len(network.free), network.terms, len(state.mean)
+    network, space = estimator.network, parameter_space(estimator.network, logit=False)
+    terms, size = network.terms, len(state.mean)
     mean, covariance = state.mean.copy(), state.covariance.copy()
-    scales = np.array(list(_scales(network).values()))
-    middle = space.from_uniform(np.full((free, 1), 0.5))[:, 0]
-    centre = np.concatenate([scales[: len(terms), 0], middle])
-    shrunk = known["sd"] / scales[:, 1]
+    centres, sds = np.array(list(_scales(network).values())).T
+    shrunk = known["sd"] / sds
     lowest = [-np.inf if term.lower is None else term.lower for term in terms]
     lower, upper = np.concatenate([lowest, space.lower]), np.concatenate([np.full(len(terms), np.inf), space.upper])
-    rows = slice(size - free - len(terms), size)
-    moved = known["mean"][:, None] + shrunk[:, None] * (mean[rows] - centre[:, None])
+    rows = slice(size - len(centres), size)
+    moved = known["mean"][:, None] + shrunk[:, None] * (mean[rows] - centres[:, None])
     mean[rows] = np.clip(moved, lower[:, None], upper[:, None])
     for place, row in enumerate(range(rows.start, size)):
         covariance[packed(row, row)] *= shrunk[place] ** 2

@@ -208,10 +208,6 @@ class ModelDraws(NamedTuple):
 
     network: Network
     """Of these models: a bank's member may have another one than the bank."""
-    member: str
-    """Which member of a bank this is; empty where there is no bank."""
-    share: float
-    """What that member weighs in the bank's forecast a few hours ahead, 0 to 1; 1 where there is no bank."""
     point: Array
     """(n_theta,): exponential of the posterior mean of the log parameters."""
     mean: Array
@@ -234,11 +230,15 @@ class ModelDraws(NamedTuple):
     """(n_x + G, K)."""
     measurement_variance: Array
     """(n_y, K): sigma_y^2 [K^2]."""
-    point_is_fan: bool
-    """Whether the model at `point`, started at `mean`, is the one whose simulation is the mean of the fan; otherwise
-    the weighted mean over the draws is, within their sampling error."""
     coefficients: Array = np.empty((0, 0))
     """(m, K): coefficients of the terms of `network`; no row where it has none."""
+    point_is_fan: bool = False
+    """Whether the model at `point`, started at `mean`, is the one whose simulation is the mean of the fan; otherwise
+    the weighted mean over the draws is, within their sampling error."""
+    member: str = ""
+    """Which member of a bank this is; empty where there is no bank."""
+    share: float = 1.0
+    """What that member weighs in the bank's forecast a few hours ahead, 0 to 1; 1 where there is no bank."""
 
 
 class Estimator(Protocol):

@@ -10,7 +10,6 @@ N_eff.
 
 import math
 from abc import ABC, abstractmethod
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -31,19 +30,11 @@ _SUMMARY_DRAWS = 2000
 """Draws from the posterior of phi for the quantiles of what is no monotone function of one parameter."""
 
 
-class AugmentedState(NamedTuple):
-    """A Gaussian over s = [x; phi] of a network with n_x states and d free parameters; n = n_x + d."""
-
-    mean: Array
-    """(n,): temperatures [degC], then log parameters."""
-    root: Array
-    """(n, n): L with L L^T the covariance."""
-
-
 class AugmentedFilter(OneState, ABC):
-    """An EKF or UKF of one zone. See `estimator.types.Estimator` for the methods."""
+    """An EKF or UKF of one zone. Its state is N(s): n_x temperatures [degC], then d log parameters. See
+    `estimator.types.Estimator` for the methods."""
 
-    state_type = AugmentedState
+    state_type = Gaussian
 
     mean_is_simulated: bool
     """Whether the mean moves as the network at the mean parameters moves."""
@@ -62,50 +53,50 @@ class AugmentedFilter(OneState, ABC):
     def move(self, gaussian: Gaussian, inputs: Array) -> Gaussian:
         """N(s_k) one period on under `inputs` (n_u,), noise included."""
 
-    def start(self, seed: int, outputs: Array, inputs: Array) -> AugmentedState:
+    def start(self, seed: int, outputs: Array, inputs: Array) -> Gaussian:
         """Temperatures by their rules, log parameters with the spread of their prior around its middle or a draw."""
         place = np.full((len(self._prior_sd), 1), 0.5)
         if self.options.initial == "drawn":
             place = Draws(seed, 0).uniforms(Purpose.PRIOR_PARAMETERS, place.shape)
         temperatures, sds = initial_temperatures(self.network, outputs, inputs)
         mean = np.concatenate([temperatures, self._space.from_uniform(place)[:, 0]])
-        return AugmentedState(mean, np.diag(np.concatenate([sds, self._prior_sd])))
+        return Gaussian(mean, np.diag(np.concatenate([sds, self._prior_sd])))
 
-    def restart(self, state: AugmentedState, outputs: Array, inputs: Array) -> AugmentedState:
+    def restart(self, state: Gaussian, outputs: Array, inputs: Array) -> Gaussian:
         """The first sample after a gap: temperatures as at the start, log parameters as they were."""
         temperatures, sds = initial_temperatures(self.network, outputs, inputs)
         size = len(temperatures)
         root = np.zeros_like(state.root)
         root[:size, :size] = np.diag(sds)
         root[size:, size:] = triangular_root(state.root[size:].T)
-        return AugmentedState(np.concatenate([temperatures, state.mean[size:]]), root)
+        return Gaussian(np.concatenate([temperatures, state.mean[size:]]), root)
 
-    def predict(self, state: AugmentedState, inputs: Array) -> AugmentedState:
+    def predict(self, state: Gaussian, inputs: Array) -> Gaussian:
         """One period on under `inputs` (n_u,) held over the step."""
-        mean, root = self.move(Gaussian(state.mean, state.root), inputs)
+        mean, root = self.move(state, inputs)
         # The random walk would widen a parameter that the data say nothing about beyond its prior.
         narrow(root[self._size :], self._prior_sd)
-        return AugmentedState(mean, root)
+        return Gaussian(mean, root)
 
-    def predictive(self, state: AugmentedState) -> Mixture:
+    def predictive(self, state: Gaussian) -> Mixture:
         """N(H x, H P H^T + R) of every output, as a mixture of one."""
         variances = (state.root[self._measured] ** 2).sum(axis=1) + self.options.measurement_sd**2
         return Mixture(np.ones(1), state.mean[self._measured][:, None], np.sqrt(variances)[:, None])
 
-    def update(self, state: AugmentedState, outputs: Array) -> Posterior:
+    def update(self, state: Gaussian, outputs: Array) -> Posterior:
         """Kalman update with every output (n_y,) that is not NaN, one after the other; parameters kept in their box."""
         if np.isnan(outputs).all():
             return self._posterior(state, Outcome.MISSING)
-        gaussian, log_likelihood = Gaussian(state.mean, state.root), 0.0
+        gaussian, log_likelihood = state, 0.0
         for node, y in zip(self._measured.tolist(), outputs.tolist(), strict=True):
             if y == y:
-                step = scalar_update(gaussian, node, y, self.options.measurement_sd**2)
-                gaussian, log_likelihood = step.gaussian, log_likelihood + step.log_likelihood
+                gaussian, gained = scalar_update(gaussian, node, y, self.options.measurement_sd**2)
+                log_likelihood += gained
         if not log_likelihood > LOG_SMALLEST:
             return self._posterior(state, Outcome.VANISHED)
-        return self._posterior(AugmentedState(*self._confined(gaussian)), Outcome.ASSIMILATED, log_likelihood)
+        return self._posterior(self._confined(gaussian), Outcome.ASSIMILATED, log_likelihood)
 
-    def parameters(self, state: AugmentedState, levels: Array) -> ParameterSummary:
+    def parameters(self, state: Gaussian, levels: Array) -> ParameterSummary:
         """Quantiles: of theta those of a log-normal distribution cut off at the box, of the others from draws.
 
         The draws are the same at every call, so that equal states have equal quantiles.
@@ -125,7 +116,7 @@ class AugmentedFilter(OneState, ABC):
             heat_loss=np.quantile(losses, levels),
         )
 
-    def unfold(self, issue: AugmentedState, plan: Array) -> Mixtures:
+    def unfold(self, issue: Gaussian, plan: Array) -> Mixtures:
         """What the issue forecasts under `plan` (h, n_u)."""
         now = self.predictive(issue)
         later, variances = self._outputs_ahead(issue, plan)
@@ -133,7 +124,7 @@ class AugmentedFilter(OneState, ABC):
         sds = np.concatenate([now.sds.T, np.sqrt(variances + self.options.measurement_sd**2)])
         return Mixtures.of_gaussians(means, sds)
 
-    def draws(self, state: AugmentedState, count: int) -> ModelDraws:
+    def draws(self, state: Gaussian, count: int) -> ModelDraws:
         """`count` draws of temperatures and log parameters, the same at every call: pairs that mirror each other about
         the mean, so that their mean is the filter's."""
         size, half = self._size, (count + 1) // 2
@@ -142,8 +133,6 @@ class AugmentedFilter(OneState, ABC):
         shape = (size, count)
         return ModelDraws(
             network=self.network,
-            member="",
-            share=1.0,
             point=self._space.parameters(state.mean[size:, None])[:, 0],
             mean=state.mean[:size],
             covariance=state.root[:size] @ state.root[:size].T,
@@ -158,7 +147,7 @@ class AugmentedFilter(OneState, ABC):
             point_is_fan=self.mean_is_simulated,
         )
 
-    def _outputs_ahead(self, state: AugmentedState, plan: Array) -> tuple[Array, Array]:
+    def _outputs_ahead(self, state: Gaussian, plan: Array) -> tuple[Array, Array]:
         """Means and variances (h, n_y) of the measured nodes after each row of `plan` (h, n_u)."""
         means, variances = np.empty((2, len(plan), len(self._measured)))
         for ahead, inputs in enumerate(plan):
@@ -181,15 +170,9 @@ class AugmentedFilter(OneState, ABC):
         mean[size:] = np.clip(mean[size:], self._space.lower, self._space.upper)
         return gaussian._replace(mean=mean)
 
-    def _posterior(self, state: AugmentedState, outcome: Outcome, log_likelihood: float = float("nan")) -> Posterior:
-        theta = self._space.fixed.copy()
-        theta[self._space.free] = np.exp(state.mean[self._size :])
-        return Posterior(
-            state=state,
-            outcome=outcome,
-            log_likelihood=log_likelihood,
-            parameters=theta,
-        )
+    def _posterior(self, state: Gaussian, outcome: Outcome, log_likelihood: float = float("nan")) -> Posterior:
+        theta = self._space.from_logs(state.mean[self._size :])
+        return Posterior(state=state, outcome=outcome, log_likelihood=log_likelihood, parameters=theta)
 
 
 @njit(cache=True, nogil=True)

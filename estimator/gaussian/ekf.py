@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from estimator.arrays import Array
-from estimator.gaussian.augmented import AugmentedFilter, AugmentedState
+from estimator.gaussian.augmented import AugmentedFilter
 from estimator.gaussian.options import AugmentedOptions
 from estimator.gaussian.square_root import Gaussian
 from estimator.network.modal import ModalNetwork, Tangent
@@ -32,7 +32,7 @@ class EKF(AugmentedFilter):
         mean, root = gaussian
         return Gaussian(*_moved(*self._tangent_at(mean[self._size :]), self._noise, inputs, mean, root))
 
-    def _outputs_ahead(self, state: AugmentedState, plan: Array) -> tuple[Array, Array]:
+    def _outputs_ahead(self, state: Gaussian, plan: Array) -> tuple[Array, Array]:
         means, variances = np.empty((2, len(plan), len(self._measured)))
         tangent = self._tangent_at(state.mean[self._size :])
         rows = np.ascontiguousarray(plan, dtype=np.float64)

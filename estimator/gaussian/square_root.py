@@ -15,20 +15,14 @@ class Gaussian(NamedTuple):
     root: Array
 
 
-class Assimilated(NamedTuple):
-    """A Gaussian after a scalar output, and log N(y; y_hat, S)."""
-
-    gaussian: Gaussian
-    log_likelihood: float
-
-
 def triangular_root(rows: Array) -> Array:
     """Lower triangular L (n, n) with L L^T = rows^T rows, for `rows` (m, n)."""
     return np.ascontiguousarray(np.asarray(np.linalg.qr(rows, mode="r")).T)
 
 
-def scalar_update(prior: Gaussian, index: int, y: float, variance: float) -> Assimilated:
-    """Kalman update with a measurement `y` of component `index` with noise `variance`, in Potter's form."""
+def scalar_update(prior: Gaussian, index: int, y: float, variance: float) -> tuple[Gaussian, float]:
+    """Kalman update with a measurement `y` of component `index` with noise `variance`, in Potter's form, and
+    log N(y; y_hat, S)."""
     row = prior.root[index]
     total = float(row @ row) + variance
     # In Python's floats an absurd y overflows to infinity; in NumPy's it would also warn.
@@ -37,7 +31,7 @@ def scalar_update(prior: Gaussian, index: int, y: float, variance: float) -> Ass
     root = prior.root - np.outer(gain, row / (1.0 + sqrt(variance / total)))
     scaled = innovation / sqrt(total)
     mean = prior.mean + gain * innovation if abs(scaled) < _ABSURD else prior.mean
-    return Assimilated(Gaussian(mean, root), -0.5 * (log(2 * pi * total) + scaled * scaled))
+    return Gaussian(mean, root), -0.5 * (log(2 * pi * total) + scaled * scaled)
 
 
 def condition_on(prior: Gaussian, index: int, value: float) -> Gaussian:

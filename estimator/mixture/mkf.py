@@ -27,7 +27,7 @@ from estimator.network.assembly import assemble
 from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
 from estimator.network.starting import initial_temperatures
-from estimator.particle.gate import learning_gate, regime, weighted_quantiles
+from estimator.particle.gate import learning_gates, regime, weighted_quantiles
 from estimator.particle.kalman import unpack
 from estimator.particle.resampling import Weighted, effective_sample_size, reweigh, systematic
 from estimator.types import (
@@ -54,7 +54,6 @@ _OFF_SD = 1e-9
 """Standard deviation [kW] that stands for none."""
 
 LEVELS = np.array(ALPHA_LEVELS)
-_NO_QUANTILES = np.empty((0, len(LEVELS)))
 
 
 class MKFState(NamedTuple):
@@ -236,8 +235,6 @@ class MKF(OneState):
         at[gains] *= start.gain_on
         return ModelDraws(
             network=self.network,
-            member="",
-            share=1.0,
             point=self._summary(state, weights).parameters,
             mean=mean * watts,
             covariance=covariance * np.outer(watts, watts),
@@ -249,7 +246,6 @@ class MKF(OneState):
             gain_stays=1.0 - model.off_probability,
             process_variance=variance,
             measurement_variance=np.exp(2.0 * start.log_noise),
-            point_is_fan=False,
             coefficients=start.state[model.coefficients],
         )
 
@@ -296,10 +292,7 @@ class MKF(OneState):
     def _learn(self, state: MKFState, weighted: Weighted) -> Posterior:
         """Gate and resampling with the new weights."""
         summary = self._summary(state, weighted.weights)
-        gates = [
-            learning_gate(counts, median, self.options)
-            for counts, median in zip(state.histogram, np.log(summary.alpha_quantiles[:, 1]), strict=True)
-        ]
+        gates = learning_gates(state.histogram, np.log(summary.alpha_quantiles[:, 1]), self.options)
         gate = min((block.gate for block in gates), default=1.0)
         histogram = np.array([block.histogram for block in gates]) if gates else state.histogram
         state = MKFState(*state[:8], weighted.log_weights, histogram, np.array(gate))
@@ -339,10 +332,8 @@ class MKF(OneState):
         """The summary of a step that learned nothing: the prior is kept, the gate is shut."""
         weights = np.exp(state.log_weights)
         summary = self._summary(state, weights)
-        counted = [
-            learning_gate(counts, median, self.options).cdf
-            for counts, median in zip(state.histogram, np.log(summary.alpha_quantiles[:, 1]), strict=True)
-        ]
+        gates = learning_gates(state.histogram, np.log(summary.alpha_quantiles[:, 1]), self.options)
+        counted = [block.cdf for block in gates]
         return summary._replace(
             outcome=outcome,
             cdf=np.array(counted),
@@ -353,21 +344,14 @@ class MKF(OneState):
     def _summary(self, state: MKFState, weights: Array) -> Posterior:
         """What `state` with `weights` (N,) knows; outcome, gate and the like are of a step that learned nothing."""
         phi = (state.mean[self._model.size - self._model.free :] * weights).sum(axis=1)
-        theta = self._model.space.fixed.copy()
-        theta[self._model.space.free] = np.exp(phi)
         alpha = [weighted_quantiles(row, weights, LEVELS) for row in state.log_alpha]
         return Posterior(
             state=state,
             outcome=Outcome.MISSING,
             log_likelihood=float("nan"),
-            alpha_quantiles=np.exp(alpha) if alpha else _NO_QUANTILES,
-            cdf=np.empty(0),
+            parameters=self._model.space.from_logs(phi),
+            alpha_quantiles=np.exp(np.reshape(alpha, (-1, len(LEVELS)))),
             gate=0.0 if self.blocks else None,
-            regime=None,
-            effective_sample_size=float("nan"),
-            resampled=False,
-            floored=False,
-            parameters=theta,
             disturbance=partial(self._disturbance, state, weights),
         )
 

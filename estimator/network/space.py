@@ -43,6 +43,12 @@ class ParameterSpace(NamedTuple):
         theta[self.free] = np.exp(self.log_parameters(coordinates))
         return theta
 
+    def from_logs(self, phi: Array) -> Array:
+        """theta (n_theta,), fixed entries included, from phi (d,)."""
+        theta = self.fixed.copy()
+        theta[self.free] = np.exp(phi)
+        return theta
+
     @property
     def prior_variance(self) -> Array:
         """(d,): of phi; for a log-normal prior without regard to the little that the box cuts off."""

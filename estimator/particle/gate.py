@@ -37,6 +37,11 @@ def learning_gate(histogram: Array, log_median: float, options: VolatilityOption
     return Gate(counted, cdf, gate)
 
 
+def learning_gates(histogram: Array, log_medians: Array, options: VolatilityOptions) -> list[Gate]:
+    """The gate of each volatility block, from its row of `histogram` (B, n_bins) and its median (B,)."""
+    return [learning_gate(counts, median, options) for counts, median in zip(histogram, log_medians, strict=True)]
+
+
 def regime(cdf: float, options: VolatilityOptions) -> str:
     """The regime that F_k stands for: "low", "transitional" or "high" volatility."""
     if cdf <= options.gate_low:

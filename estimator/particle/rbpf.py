@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import Array, Indices
 from estimator.kernels.draws import Draws, Purpose
 from estimator.kernels.packing import packed
 from estimator.network.assembly import assemble, topology
@@ -19,7 +19,7 @@ from estimator.network.network import Network
 from estimator.network.space import parameter_space
 from estimator.network.starting import initial_temperatures
 from estimator.particle.compiled import CompiledSteps
-from estimator.particle.gate import learning_gate, regime, weighted_quantiles
+from estimator.particle.gate import learning_gates, regime, weighted_quantiles
 from estimator.particle.kalman import unpack
 from estimator.particle.liu_west import liu_west_kernel
 from estimator.particle.options import ALL_NODES, Options
@@ -151,14 +151,7 @@ class RBPF(OneState):
         cumulated = np.cumsum(np.exp(state.log_weights))
         places = (np.arange(count) + 0.5) / count * cumulated[-1]
         index = np.minimum(np.searchsorted(cumulated, places), len(cumulated) - 1)
-        # `take` keeps rows contiguous, which the kernels count on; indexing would not.
-        return state._replace(
-            coordinates=np.take(state.coordinates, index, axis=1),
-            log_alpha=np.take(state.log_alpha, index, axis=1),
-            mean=np.take(state.mean, index, axis=1),
-            covariance=np.take(state.covariance, index, axis=1),
-            log_weights=np.full(count, -np.log(count)),
-        )
+        return _chosen(state, index)._replace(log_weights=np.full(count, -np.log(count)))
 
     def unfold(self, issue: ParticleState, plan: Array) -> Mixtures:
         """The outputs at the issue's time and after each row of `plan` (h, n_u), each particle along a volatility path
@@ -188,9 +181,7 @@ class RBPF(OneState):
         mean, covariance = mixture_moments(weights, state.mean, covariances)
         return ModelDraws(
             network=self.network,
-            member="",
-            share=1.0,
-            point=self._point_estimate(phi),
+            point=self._space.from_logs(phi),
             mean=mean,
             covariance=covariance,
             weights=shares / shares.sum(),
@@ -201,7 +192,6 @@ class RBPF(OneState):
             gain_stays=1.0,
             process_variance=noise,
             measurement_variance=np.full((len(self.network.measured), len(shares)), self.options.measurement_sd**2),
-            point_is_fan=False,
         )
 
     def _initial_temperatures(self, outputs: Array, inputs: Array, count: int) -> tuple[Array, Array]:
@@ -227,22 +217,14 @@ class RBPF(OneState):
         draws = Draws(int(state.seed), int(state.step))
         phi = self._steps.mean_log_parameters(state.coordinates, weights)
         quantiles = np.array([weighted_quantiles(row, weights, _ALPHA_LEVELS) for row in state.log_alpha])
-        gates = [
-            learning_gate(counts, median, options)
-            for counts, median in zip(state.histogram, quantiles[:, 1], strict=True)
-        ]
+        gates = learning_gates(state.histogram, quantiles[:, 1], options)
         gate = min(block.gate for block in gates)
         resampled = weighted.effective_sample_size < options.resample_below * options.particles
         if resampled:
             index = systematic(weights, float(draws.uniforms(Purpose.RESAMPLE, (1, 1))[0, 0]))
             weights = np.full(len(weights), 1.0 / len(weights))
             log_weights = np.full(len(weights), -np.log(len(weights)))
-            state = state._replace(
-                coordinates=np.take(state.coordinates, index, axis=1),
-                log_alpha=np.take(state.log_alpha, index, axis=1),
-                mean=np.take(state.mean, index, axis=1),
-                covariance=np.take(state.covariance, index, axis=1),
-            )
+            state = _chosen(state, index)
         kernel = liu_west_kernel(*self._steps.moments(state.coordinates, weights), gate, options)
         state = state._replace(
             coordinates=self._steps.rejuvenate(state.coordinates, kernel, draws),
@@ -260,17 +242,14 @@ class RBPF(OneState):
             effective_sample_size=weighted.effective_sample_size,
             resampled=resampled,
             floored=kernel.floored,
-            parameters=self._point_estimate(phi),
+            parameters=self._space.from_logs(phi),
         )
 
     def _kept(self, state: ParticleState, outcome: Outcome) -> Posterior:
         """The summary of a step that learned nothing: the prior is kept, the gate is shut."""
         weights = np.exp(state.log_weights)
         quantiles = np.array([weighted_quantiles(row, weights, _ALPHA_LEVELS) for row in state.log_alpha])
-        counted = [
-            learning_gate(counts, median, self.options).cdf
-            for counts, median in zip(state.histogram, quantiles[:, 1], strict=True)
-        ]
+        counted = [block.cdf for block in learning_gates(state.histogram, quantiles[:, 1], self.options)]
         return Posterior(
             state=state,
             outcome=outcome,
@@ -280,10 +259,12 @@ class RBPF(OneState):
             gate=0.0,
             regime=regime(max(counted), self.options),
             effective_sample_size=effective_sample_size(weights),
-            parameters=self._point_estimate(self._steps.mean_log_parameters(state.coordinates, weights)),
+            parameters=self._space.from_logs(self._steps.mean_log_parameters(state.coordinates, weights)),
         )
 
-    def _point_estimate(self, phi: Array) -> Array:
-        theta = self._space.fixed.copy()
-        theta[self._space.free] = np.exp(phi)
-        return theta
+
+def _chosen(state: ParticleState, index: Indices) -> ParticleState:
+    """`state` with the particles `index` (K,); weights as they were."""
+    # `take` keeps rows contiguous, which the kernels count on; indexing would not.
+    coordinates, log_alpha, mean, covariance = (rows.take(index, axis=1) for rows in state[2:6])
+    return state._replace(coordinates=coordinates, log_alpha=log_alpha, mean=mean, covariance=covariance)

@@ -712,11 +712,7 @@ _LEFT_OUT = ("network", "member", "share", "point", "mean", "covariance", "point
 
 def _arrays(draws: ModelDraws) -> dict[str, Array]:
     """The arrays that a simulation of `draws` needs."""
-    return {
-        name: np.asarray(value)
-        for name, value in draws._asdict().items()
-        if name not in _LEFT_OUT and value is not None
-    }
+    return {name: np.asarray(value) for name, value in draws._asdict().items() if name not in _LEFT_OUT}
 
 
 def _draws(network: Any, arrays: Mapping[str, Array]) -> ModelDraws:
@@ -724,11 +720,8 @@ def _draws(network: Any, arrays: Mapping[str, Array]) -> ModelDraws:
     values: dict[str, Any] = dict(arrays) | {"gain_stays": float(arrays["gain_stays"])}
     return ModelDraws(
         network=network,
-        member="",
-        share=1.0,
         point=nothing,
         mean=nothing,
         covariance=nothing,
-        point_is_fan=False,
         **values,
     )

@@ -179,9 +179,9 @@ def test_a_square_root_update_is_the_textbook_one():
     covariance = root @ root.T
     np.testing.assert_allclose(triangular_root(root.T) @ triangular_root(root.T).T, covariance)
     mean = rng.standard_normal(6)
-    after = scalar_update(Gaussian(mean, root), 2, 1.5, 0.3)
+    after, _ = scalar_update(Gaussian(mean, root), 2, 1.5, 0.3)
     gain = covariance[:, 2] / (covariance[2, 2] + 0.3)
-    np.testing.assert_allclose(after.gaussian.mean, mean + gain * (1.5 - mean[2]))
-    np.testing.assert_allclose(after.gaussian.root @ after.gaussian.root.T, covariance - np.outer(gain, covariance[2]))
+    np.testing.assert_allclose(after.mean, mean + gain * (1.5 - mean[2]))
+    np.testing.assert_allclose(after.root @ after.root.T, covariance - np.outer(gain, covariance[2]))
     conditioned = condition_on(Gaussian(mean, root), 4, 9.0)
     np.testing.assert_allclose(conditioned.mean, mean + covariance[:, 4] / covariance[4, 4] * (9.0 - mean[4]))

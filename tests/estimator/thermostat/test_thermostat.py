@@ -23,8 +23,6 @@ def draws(count, theta=THETA, state=(20.0, 18.0), spread=0.0, noise=0.0, of=HOUS
     size = len(of.nodes)
     return ModelDraws(
         network=of,
-        member="",
-        share=1.0,
         point=theta,
         mean=np.array(state),
         covariance=np.eye(size) * spread**2,
