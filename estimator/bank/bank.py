@@ -35,6 +35,7 @@ from estimator.types import (
     Mixture,
     Mixtures,
     ModelDraws,
+    OneState,
     Outcome,
     ParameterSummary,
     Posterior,
@@ -94,10 +95,11 @@ class _Drawn(NamedTuple):
     """(m, K): of the bank's terms; none where the member has not all of them."""
 
 
-class Bank:
+class Bank(OneState):
     """The bank of one zone. See `estimator.types.Estimator` for the moves."""
 
-    physical = True
+    state_type = BankState
+    """Also what is issued: a bank is no member of a bank, and verifies its forecasts itself."""
     verifies_itself = True
 
     def __init__(self, network: Network, period: float, options: BankOptions, members: Mapping[str, Estimator]) -> None:
@@ -136,11 +138,6 @@ class Bank:
         self._prior = np.array([prior_at(member.prior, hours) for member in options.members.values()])
         self._newest: tuple[BankState | None, list[Mixture], Mixture | None] = None, [], None
         """A state, its members' forecasts and what is published of them, which are scored soon after."""
-
-    @property
-    def issue_type(self) -> type[BankState]:
-        """The state: a bank is no member of a bank, and verifies its forecasts itself."""
-        return BankState
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> BankState:
         """Every member at the first sample: its outputs (n_y,) and inputs (n_u,)."""
@@ -263,13 +260,8 @@ class Bank:
     def earned_weights(self, state: BankState) -> Mapping[str, Array]:
         """What each member would weigh at each of `leads` had all begun alike, (H,) by name: what it has proved."""
         alike = np.ones_like(self._prior)
-        return dict(
-            zip(self.names, weights(state.costs, alike, self.options.learning_rate, self.options.sharing), strict=True)
-        )
-
-    def issue(self, state: BankState, count: int) -> BankState:
-        """The state itself."""
-        return state
+        found = weights(state.costs, alike, self.options.learning_rate, self.options.sharing)
+        return dict(zip(self.names, found, strict=True))
 
     def unfold(self, issue: BankState, plan: Array) -> Mixtures:
         """The outputs at the issue's time and after each row of `plan` (h, n_u)."""
@@ -308,10 +300,6 @@ class Bank:
             )
         # What the bank forecasts is the mixture of all members, which no single model simulates.
         return drawn._replace(member=self.names[best], share=share)
-
-    def verified(self, state: BankState, lead: int, errors: Array) -> BankState:
-        """The state itself: the bank has seen its errors."""
-        return state
 
     def answering_plan(self, state: BankState) -> BankState:
         """`state` as it answers a plan of heating: members that `plans` does not name count as lost, evidence about

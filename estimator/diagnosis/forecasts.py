@@ -1,6 +1,5 @@
 """Forecasts that no room can follow."""
 
-from collections.abc import Iterator
 from math import ceil
 from typing import Any
 
@@ -36,7 +35,7 @@ def implausible(estimator: Estimator, state: Any, inputs: Array, largest: Array)
     issue = estimator.issue(state, _DRAWS)
     # Neither sun nor people.
     plans = (np.tile(np.pad(row, (0, len(network.terms))), (steps, 1)) for row in (off, full))
-    cold, warm = (np.array(list(_means(estimator, issue, plan))) for plan in plans)
+    cold, warm = (np.array([mixture.mean() for mixture in estimator.unfold(issue, plan).each()]) for plan in plans)
     both = np.concatenate([cold, warm])
     # An hour of full heating says little where a step is longer than that.
     rise = float(np.max(warm[-1] - cold[-1])) / (steps * estimator.period / HOUR)
@@ -58,8 +57,3 @@ def implausible(estimator: Estimator, state: Any, inputs: Array, largest: Array)
             "heating, and give the floor area (box = { floor_area = 120 }) or wait for some days of data"
         )
     return [Finding(IMPLAUSIBLE, "zone", sentence)]
-
-
-def _means(estimator: Estimator, issue: Any, plan: Array) -> Iterator[Array]:
-    for mixture in estimator.unfold(issue, plan).each():
-        yield mixture.mean()
