@@ -96,7 +96,7 @@ class ARX(Regression):
             leads=np.zeros(_LEADS),
             echo=np.zeros((count, self.options.past_outputs)),
             spread=np.zeros(count),
-            seen=np.ascontiguousarray(filled[:, :2] if filled.shape[1] > 1 else np.repeat(filled, 2, axis=1)),
+            seen=filled[:, :2].copy(),
         )
 
     def bounds(self, state: ARXState) -> Array:
@@ -119,7 +119,7 @@ class ARX(Regression):
         """One period on under `inputs` (n_u,) held over the step."""
         past = np.concatenate([inputs[None], state.inputs[:-1]])
         outputs, echo, spread = state.outputs.copy(), state.echo.copy(), state.spread.copy()
-        _move(state.coefficients, outputs, self._scaled(past).ravel(), echo, spread, _bounds(state.seen), LEVEL)
+        _move(state.coefficients, outputs, self._scaled(past).ravel(), echo, spread, _bounds(state.seen))
         return ARXState(*state[:2], outputs, past, *state[4:7], echo, spread, state.seen)
 
     def predictive(self, state: ARXState) -> Mixture:
@@ -135,7 +135,7 @@ class ARX(Regression):
             return self._posterior(state, Outcome.VANISHED)
         learned = ARXState(*(array.copy() for array in state))
         memory = self._forgetting, self._residual_forgetting, self._prior
-        log_likelihood = _assimilate(learned, self._scaled(state.inputs).ravel(), sds, outputs, memory, LEVEL)
+        log_likelihood = _assimilate(learned, self._scaled(state.inputs).ravel(), sds, outputs, memory)
         return self._posterior(learned, Outcome.ASSIMILATED, log_likelihood)
 
     def futures(self, state: ARXState, plan: Array) -> tuple[Array, Array]:
@@ -143,7 +143,7 @@ class ARX(Regression):
         scaled = self._scaled(np.concatenate([state.inputs[::-1], plan]))[::-1]
         means, sds = _moved(
             state.coefficients, state.outputs, np.ascontiguousarray(scaled), self.options.past_inputs, state.echo,
-            state.spread, _bounds(state.seen), LEVEL,
+            state.spread, _bounds(state.seen),
         )  # fmt: skip
         _spread(sds, _residual_sd(state.residual), state.errors, state.leads)
         return means, sds
@@ -186,7 +186,7 @@ def _theory(residual, spread):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _assimilate(state, regressors, sds, outputs, memory, level):  # type: ignore[no-untyped-def]
+def _assimilate(state, regressors, sds, outputs, memory):  # type: ignore[no-untyped-def]
     """The log likelihood of `outputs` (n_y,), from which `state` learns in place; `memory` is what a step leaves of
     what was learned and of residuals, and the variance of the prior."""
     forgetting, residual_forgetting, most = memory
@@ -198,7 +198,7 @@ def _assimilate(state, regressors, sds, outputs, memory, level):  # type: ignore
         log_likelihood -= 0.5 * (error / sds[i]) ** 2 + np.log(sds[i] * np.sqrt(2.0 * np.pi))
         # What the regression explains is the step from the last measurement; a forecast of a forecast is none.
         if state.spread[i] == 1.0:
-            row = _row(state.outputs[i, 1:], regressors, level)
+            row = _row(state.outputs[i, 1:], regressors)
             _learn(state.coefficients[i], state.covariance[i], row, error, forgetting, most)
             state.residual[i, 0] = state.residual[i, 0] * residual_forgetting + error * error
             state.residual[i, 1] = state.residual[i, 1] * residual_forgetting + 1.0
@@ -243,24 +243,24 @@ def _spread(spreads, unit, errors, leads):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _row(past, inputs, level):  # type: ignore[no-untyped-def]
-    """Regressors (p,): 1, past outputs from `level` [degC], scaled inputs."""
+def _row(past, inputs):  # type: ignore[no-untyped-def]
+    """Regressors (p,): 1, past outputs from LEVEL, scaled inputs."""
     row = np.empty(1 + past.shape[0] + inputs.shape[0])
     row[0] = 1.0
     for k in range(past.shape[0]):
-        row[1 + k] = past[k] - level
+        row[1 + k] = past[k] - LEVEL
     for k in range(inputs.shape[0]):
         row[1 + past.shape[0] + k] = inputs[k]
     return row
 
 
 @njit(cache=True, nogil=True)
-def _move(coefficients, outputs, inputs, echo, spread, bounds, level):  # type: ignore[no-untyped-def]
+def _move(coefficients, outputs, inputs, echo, spread, bounds):  # type: ignore[no-untyped-def]
     """Outputs, echo and spread one step on, in place."""
     past = echo.shape[1]
     for i in range(outputs.shape[0]):
-        row = _row(outputs[i, :past], inputs, level)
-        value = level + np.sum(row * coefficients[i])
+        row = _row(outputs[i, :past], inputs)
+        value = LEVEL + np.sum(row * coefficients[i])
         share = 1.0 if spread[i] == 0.0 else np.sum(coefficients[i, 1 : 1 + past] * echo[i])
         for k in range(past, 0, -1):
             outputs[i, k] = outputs[i, k - 1]
@@ -273,7 +273,7 @@ def _move(coefficients, outputs, inputs, echo, spread, bounds, level):  # type: 
 
 
 @njit(cache=True, nogil=True)
-def _moved(coefficients, outputs, inputs, past_inputs, echo, spread, bounds, level):  # type: ignore[no-untyped-def]
+def _moved(coefficients, outputs, inputs, past_inputs, echo, spread, bounds):  # type: ignore[no-untyped-def]
     """Outputs and spreads (h + 1, n_y): as they are, and step by step under scaled `inputs` (newest first, n_u)."""
     outputs, echo, spread = outputs.copy(), echo.copy(), spread.copy()
     steps = inputs.shape[0] - past_inputs
@@ -281,7 +281,7 @@ def _moved(coefficients, outputs, inputs, past_inputs, echo, spread, bounds, lev
     for ahead in range(steps + 1):
         if ahead > 0:
             first = steps - ahead
-            _move(coefficients, outputs, inputs[first : first + past_inputs].ravel(), echo, spread, bounds, level)
+            _move(coefficients, outputs, inputs[first : first + past_inputs].ravel(), echo, spread, bounds)
         for i in range(outputs.shape[0]):
             means[ahead, i], spreads[ahead, i] = outputs[i, 0], spread[i]
     return means, spreads

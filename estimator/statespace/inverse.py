@@ -1,14 +1,14 @@
 """The heat that a room needed to be as warm as it was, beside what a learned model knows."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from estimator.arrays import DAY, Array
 from estimator.network.assembly import assemble
 from estimator.network.discretise import discretise
-from estimator.network.network import HeatInput, Network
+from estimator.network.network import Network
+from estimator.statespace.matrices import heated
 from estimator.types import ModelDraws
 
 Driving = Callable[[Array, Array], Array]
@@ -28,10 +28,7 @@ def missing_heat(draws: ModelDraws, times: Array, step: float, temperature: Arra
     [degC] of that node, NaN where nothing was measured, from each of the intervals of `step` s at `times` [UTC s] to
     the next, under what is `known` (K, n_u + m): inputs, and the heat of its terms [W]."""
     network = draws.network
-    heats = [HeatInput(term.name, term.node) for term in network.terms]
-    heats.append(HeatInput("unmeasured heat", network.measured[0]))
-    heated = replace(network, heat_inputs=(*network.heat_inputs, *heats))
-    exact = discretise(assemble(heated, draws.point[:, None]), step)
+    exact = discretise(assemble(heated(network), draws.point[:, None]), step)
     room, warms = exact.transition[0], exact.input[0, :, -1]
     size, node = len(room), network.nodes.index(network.measured[0])
     pushes = known @ exact.input[0, :, :-1].T

@@ -101,7 +101,7 @@ def of_point(draws: ModelDraws, period: float, periods: int) -> StateSpace:
 
 def _one_period(draws: ModelDraws, period: float) -> tuple[Array, Array, Array]:
     """A_d (K, n_x, n_x), B_d (K, n_x, n_u + m), and the response (K, n_x) [K/W] to heat into the first output."""
-    exact = discretise(assemble(_heated(draws.network), draws.theta), period)
+    exact = discretise(assemble(heated(draws.network), draws.theta), period)
     response = exact.input[:, :, :-1]
     if len(draws.coefficients):
         response[:, :, -len(draws.network.terms) :] *= draws.coefficients.T[:, None, :]
@@ -109,7 +109,7 @@ def _one_period(draws: ModelDraws, period: float) -> tuple[Array, Array, Array]:
 
 
 @lru_cache(maxsize=1024)
-def _heated(network: Network) -> Network:
+def heated(network: Network) -> Network:
     """`network` with the heat of every term, and then the unmeasured gain, as inputs."""
     terms = tuple(HeatInput(term.name, term.node) for term in network.terms)
     return replace(network, heat_inputs=(*network.heat_inputs, *terms, HeatInput(_GAIN, network.measured[0])))
