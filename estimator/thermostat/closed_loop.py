@@ -235,8 +235,8 @@ def _drawn(laws: Laws, now: Draws, count: int) -> Array:
     roots = [np.linalg.cholesky(covariance) for covariance in laws.covariance]
     numbers = np.array([mean[:, None] + root @ z for mean, root, z in zip(laws.numbers, roots, normals, strict=True)])
     numbers = numbers.reshape(-1, 3, count)
-    numbers[:, 0] = np.maximum(numbers[:, 0], 0.1 * laws.numbers[:, :1].reshape(-1, 1))
-    numbers[:, 2] = np.maximum(numbers[:, 2], 0.1 * laws.numbers[:, 2:].reshape(-1, 1))
+    numbers[:, 0] = np.maximum(numbers[:, 0], 0.1 * laws.numbers[:, :1])
+    numbers[:, 2] = np.maximum(numbers[:, 2], 0.1 * laws.numbers[:, 2:])
     return numbers
 
 

@@ -276,7 +276,7 @@ def _proportional(x: Array, heat: Array, weights: Array) -> Array:
     most = float(heat.max())
     offsets, bands = np.linspace(-2.0, 2.0, 33), np.geomspace(_NARROWEST, 2.0 * _REACH, 24)
     grid = np.array([(offset, band) for offset in offsets for band in bands])
-    best = np.tile(np.empty(3), (len(weights), 1))
+    best = np.empty((len(weights), 3))
     share = np.clip((centres - grid[:, :1]) / grid[:, 1:] + 0.5, 0.0, 1.0)
     for row, (n, s) in enumerate(zip(numbers, sums, strict=True)):
         power, squares = _power(share, n, s, most)

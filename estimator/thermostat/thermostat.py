@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import DAY, Array, together
+from estimator.arrays import DAY, Array, together, under
 from estimator.network.network import Network
 from estimator.thermostat.law import Laws, identified, no_laws
 from estimator.thermostat.memory import Memory, in_order, no_memory, remembered
@@ -68,15 +68,7 @@ def pack(thermostat: Thermostat) -> dict[str, Array]:
 def unpack(arrays: Mapping[str, Array], width: int) -> Thermostat:
     """What was packed, with the same bits; no thermostat in what was stored before there was one, or is of another
     number of inputs than `width`."""
-    fresh = no_thermostat(width)
-    memory = {name: arrays.get(_MEMORY + name) for name in fresh.memory._fields}
-    laws = {name: arrays.get(_LAWS + name) for name in fresh.laws._fields}
-    stored = memory["inputs"]
-    if stored is None or stored.shape[1:] != (width,) or any(value is None for value in (memory | laws).values()):
-        return fresh
-    return Thermostat(
-        Memory(**{name: np.asarray(value) for name, value in memory.items()}),
-        Laws(**{name: np.asarray(value) for name, value in laws.items()}),
-        float(arrays[_SETPOINT]),
-        np.asarray(arrays[_INPUTS]),
-    )
+    memory, laws = under(_MEMORY, arrays), under(_LAWS, arrays)
+    if not memory or memory["inputs"].shape[1:] != (width,):
+        return no_thermostat(width)
+    return Thermostat(Memory(**memory), Laws(**laws), float(arrays[_SETPOINT]), arrays[_INPUTS])
