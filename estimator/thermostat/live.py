@@ -37,7 +37,7 @@ from estimator.thermostat.law import Laws
 from estimator.thermostat.memory import Memory, reaches_back
 from estimator.thermostat.thermostat import Thermostat
 from estimator.types import Estimator, Mixture, Mixtures, ModelDraws
-from estimator.verification.hindsight import EVERY
+from estimator.verification.hindsight import EVERY, HORIZONS
 from estimator.verification.scores import distribution, reduced
 
 FUTURES = (*GUESSES, "heat-held", "heat-of-yesterday", "by-regression")
@@ -45,9 +45,6 @@ FUTURES = (*GUESSES, "heat-held", "heat-of-yesterday", "by-regression")
 heat."""
 
 _BY_REGRESSION = len(FUTURES) - 1
-
-HORIZONS = (3600.0, 21600.0, 86400.0)
-"""Leads at which weights and widths are learned [s]."""
 
 PLANNED, UNPLANNED = 0, 1
 """The two questions."""

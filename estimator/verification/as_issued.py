@@ -15,9 +15,8 @@ from estimator.types import Mixture
 from estimator.verification.hindsight import HORIZONS
 from estimator.verification.scores import COMPONENTS, crps, reduced
 from estimator.verification.skill import IssuedScores, SkillBook, empty_book, noted, scores, worth
-from estimator.verification.verification import LEVEL
+from estimator.verification.verification import TAILS
 
-_TAILS = np.array([0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
 _BOOK = "book."
 
 
@@ -121,7 +120,7 @@ def _nothing() -> Waiting:
 
 def _with(waiting: Waiting, due: int, horizon: int, mixture: Mixture) -> Waiting:
     """`waiting` and the `mixture` of one more horizon."""
-    lower, upper = mixture.quantiles(_TAILS, 0).tolist()
+    lower, upper = mixture.quantiles(TAILS, 0).tolist()
     small = reduced(Mixture(mixture.weights, mixture.means[:1], mixture.sds[:1]), COMPONENTS)
     rows = np.zeros((3, COMPONENTS))
     # A component that is not there still has a spread to divide by.

@@ -21,7 +21,7 @@ from estimator.verification.skill import Scores, SkillBook, empty_book, noted, s
 LEVEL = 0.95
 """Of the interval whose coverage is counted."""
 
-_TAILS = np.array([0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
+TAILS = np.array([0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
 _BOOK, _PENDING, _ARX = "book.", "pending.", "arx."
 
 
@@ -152,5 +152,5 @@ class Verification:
 
     def _values(self, mixture: Mixture, y: float, last: float, reference: float) -> tuple[float, ...]:
         """What `mixture` was worth as a forecast of `y`, by Scores without the number."""
-        interval = mixture.quantiles(_TAILS, 0).tolist()
+        interval = mixture.quantiles(TAILS, 0).tolist()
         return worth(y, float(mixture.mean()[0]), crps(mixture, 0, y), interval, last, reference)
