@@ -207,12 +207,7 @@ class Loop:
         day, before = with_inputs(carried.day, time, inputs), carried.record
         standing, ahead = self._predicted(posterior.state, verified, issued, drive)
         record = with_sample(before, time, estimator.period, float(outputs[0]), inputs)
-        after = carried._replace(
-            day=day,
-            record=record,
-            vanished=vanished,
-            standing=standing,
-        )
+        after = carried._replace(day=day, record=record, vanished=vanished, standing=standing)
         if not self._single_steps:
             learns = not started and posterior.outcome is not Outcome.VANISHED
             after = self._thermostat(after, time, outputs, setpoint, started=started, learns=learns)
@@ -298,14 +293,7 @@ class Loop:
         return found._replace(findings=lies.among(found.findings, self.estimator.network, carried.suspicions))
 
     def _thermostat(
-        self,
-        carried: Carried,
-        time: int,
-        outputs: Array,
-        setpoint: float,
-        *,
-        started: bool,
-        learns: bool,
+        self, carried: Carried, time: int, outputs: Array, setpoint: float, *, started: bool, learns: bool
     ) -> Carried:
         """`carried` to the next sample with what the one at `time` brought of the thermostat and of live forecasts,
         which had foreseen it unless the thermal states `started` anew."""
@@ -326,10 +314,9 @@ class Loop:
             inputs=inputs,
             seed=self._seed,
         )
-        foreseeing = self._foreseeing(carried.day, inputs, time)
 
         def ahead(steps: int) -> Ahead:
-            return self.ahead(carried, time + period, foreseeing(steps))
+            return self.ahead(carried, time + period, self._foreseen(carried, time, steps))
 
         issues = self._issues(time + period)
         now = Now(carried.standing.state, known, inputs, time + period)
@@ -346,7 +333,7 @@ class Loop:
             told = self.live.issued(live)
             if told is not None:
                 return told
-            rows = self._foreseeing(carried.day, carried.held.values, time)(max(leads) - 1)
+            rows = self._foreseen(carried, time, max(leads) - 1)
             fan = self.estimator.unfold(self.estimator.issue(standing.state, ISSUED_DRAWS), rows)
             return [fan.at(lead - 1) for lead in leads]
 
@@ -385,15 +372,10 @@ class Loop:
         unsure = [channel not in known for channel in network.inputs]
         return Ahead(rows, planned, np.where(unsure, strays(network, carried.day), 0.0))
 
-    def _foreseeing(self, day: Day, inputs: Array, time: int) -> Callable[[int], Array]:
-        """What drives the estimator over a number of steps after the sample at `time` [UTC s], as it is foreseen."""
-        start = time + self.estimator.period
-
-        def rows(steps: int) -> Array:
-            times = start + self.estimator.period * np.arange(steps, dtype=np.float64)
-            return self.driving(times, foreseen(self.estimator.network, day, inputs, times).rows)
-
-        return rows
+    def _foreseen(self, carried: Carried, time: int, steps: int) -> Array:
+        """What drives the estimator over `steps` after the sample at `time` [UTC s], as it is foreseen."""
+        times = time + self.estimator.period * np.arange(1, steps + 1, dtype=np.float64)
+        return self.driving(times, foreseen(self.estimator.network, carried.day, carried.held.values, times).rows)
 
     def _assimilated(
         self, carried: Carried, time: int, outputs: Array, drive: Array, continues: bool

@@ -23,11 +23,7 @@ def _with_unit(channel: str, unit: str) -> str:
     return f'columns={{"{name}": ("{name}", "{unit}")}}, with the name of its column'
 
 
-_REMEDIES = Remedies(
-    _with_unit,
-    "pd.to_datetime(df.index, dayfirst=True)",
-    'tz="Europe/Berlin"',
-)
+_REMEDIES = Remedies(_with_unit, "pd.to_datetime(df.index, dayfirst=True)", 'tz="Europe/Berlin"')
 
 
 class Taken(NamedTuple):
@@ -45,10 +41,8 @@ def taken(settings: Settings, df: Frame, after: int | None = None, idle: int = 0
     times = clock(df, settings.tz, "the table")
     check_columns(df, settings.columns, "the table")
     since = -inf if after is None else after + settings.zone.period
-    reader, alignment = (
-        Reader(df, times, settings.columns, since),
-        make_alignment(settings.zone, after, resume_idle=idle),
-    )
+    reader = Reader(df, times, settings.columns, since)
+    alignment = make_alignment(settings.zone, after, resume_idle=idle)
     last = reader.last()
     if last < since:
         newest, until = moments([last, since], settings.tz)
