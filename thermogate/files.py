@@ -13,6 +13,7 @@ from pydantic import TypeAdapter
 from adapters.channel import ChannelConfig
 from adapters.fields.words import shown
 from adapters.reading import Fault
+from estimator.arrays import together, under
 from estimator.network.network import Network
 from service.config.fitting import fingerprint
 from service.config.kept import kept_configuration
@@ -29,8 +30,6 @@ from thermogate.settings import PLACE, Settings, settings_of
 
 _KIND = "thermogate model"
 _NETWORK = TypeAdapter(Network)
-
-
 _UPDATES = "updates"
 _TRACE = "trace."
 
@@ -49,8 +48,7 @@ def write_model(path: Path, session: Session, faults: Mapping[Fault, int]) -> No
         "faults": {str(fault): count for fault, count in faults.items()},
         "worker": worker.meta,
     }
-    arrays = {**worker.arrays, _UPDATES: session.updates}
-    arrays |= {_TRACE + name: value for name, value in session.tracer.pack().items()}
+    arrays = {**worker.arrays, _UPDATES: session.updates} | together({_TRACE: session.tracer.pack()})
     content = encode(Checkpoint(session.mark, worker.step, arrays, meta, worker.about))
     try:
         replace_file(path, content)
@@ -77,7 +75,7 @@ def read_model(path: Path) -> tuple[Session, Counter[Fault]]:
     snapshot.restore(session.worker, found._replace(meta=meta["worker"]))
     session.updates = found.arrays[_UPDATES]
     # A model saved before there were reports has none.
-    if trace := {name.removeprefix(_TRACE): rows for name, rows in found.arrays.items() if name.startswith(_TRACE)}:
+    if trace := under(_TRACE, found.arrays):
         session.tracer.unpack(trace)
     return session, Counter({Fault(name): count for name, count in meta["faults"].items()})
 

@@ -355,7 +355,7 @@ def _check_conductances(network: Network) -> Problem:
 
 
 def _check_heat(network: Network) -> Problem:
-    seen: dict[tuple[str, str], str] = {}
+    seen: set[tuple[str, str]] = set()
     units: dict[str, str] = {}
     gains = {heat.gain.parameter for heat in network.heat_inputs}
     elements = {*network.capacitances.values(), *(edge.name for edge in network.conductances)}
@@ -366,7 +366,7 @@ def _check_heat(network: Network) -> Problem:
             return f"heat input '{heat.channel}' enters '{heat.node}', which is not a state node"
         if (heat.channel, heat.node) in seen:
             return f"heat input '{heat.channel}' enters '{heat.node}' twice; merge the two"
-        seen[heat.channel, heat.node] = heat.unit
+        seen.add((heat.channel, heat.node))
         if units.setdefault(heat.channel, heat.unit) != heat.unit:
             return f"heat input '{heat.channel}' is given in {units[heat.channel]} and in {heat.unit}"
     return None

@@ -10,8 +10,8 @@ def residual_autocorrelation(residual: Array, lags: int, first: int = 1) -> floa
     (the paper does not say from which). They are normalised with the variance of the whole series, over the pairs that
     are complete. NaN for a constant residual or one without lags."""
     e = residual - np.nanmean(residual)
-    scale = np.sqrt(np.nanmean(e**2) * np.nanmean(e**2))
-    if not scale > 0.0 or len(e) <= lags:
+    variance, known = np.nanmean(e**2), np.count_nonzero(~np.isnan(e))
+    if not variance > 0.0 or len(e) <= lags:
         return float("nan")
     total = 0.0
     for lag in range(first, lags + 1):
@@ -19,5 +19,5 @@ def residual_autocorrelation(residual: Array, lags: int, first: int = 1) -> floa
         complete = products[~np.isnan(products)]
         if complete.size:
             # Over all rows, not over the pairs of this lag: the biased estimate, whose correlations stay within 1.
-            total += float(complete.sum() / np.count_nonzero(~np.isnan(e)) / scale) ** 2
+            total += float(complete.sum() / known / variance) ** 2
     return total

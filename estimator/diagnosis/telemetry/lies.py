@@ -589,8 +589,7 @@ def _means(values: Array, slots: int) -> Array:
 def _quiet(look: Look, column: int) -> Array:
     """For how many hours a meter has told of no heat, at each slot from the first of the reference on."""
     values = np.concatenate([look.past[:, column], look.new[:, column]])
-    highest = np.nanmax(look.past[:, column], initial=0.0)
-    heated = np.cumsum(np.abs(values) > _HEATED * highest).astype(np.float64)
+    heated = np.cumsum(np.abs(values) > _HEATED * _highest(look.past[:, column])).astype(np.float64)
     return np.asarray(_same(np.where(np.isnan(values), np.nan, heated)) * look.step)
 
 
