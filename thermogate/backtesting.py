@@ -86,7 +86,8 @@ class Backtest:
             for horizon in leads_of(self._recording.period):
                 own = {column: found.get(key(score, horizon, window), np.nan) for column, score in _SCORES.items()}
                 naive = rows.get((PERSISTENCE, _short(horizon)), own)["rmse"]
-                rows[name, _short(horizon)] = {**own, "skill_persistence": 1.0 - own["rmse"] / naive}
+                skill = 1.0 - own["rmse"] / naive if naive else np.nan
+                rows[name, _short(horizon)] = {**own, "skill_persistence": skill}
         index = pandas().MultiIndex.from_tuples(list(rows), names=("estimator", "horizon"))
         return pandas().DataFrame(list(rows.values()), index=index)
 

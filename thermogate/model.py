@@ -345,9 +345,8 @@ class Model:
             known = ", ".join(map(str, windows))
             raise DataError(f"days must be one of {known}, not {shown(items(days))}")
         period = self._settings.zone.period
-        rows: dict[str, dict[str, float]] = {}
-        for one in found.issued_over(int(number)) if as_issued else found.over(int(number)):
-            rows[_horizon(one.lead, period)] = asdict(one)
+        own = found.issued_over(int(number)) if as_issued else found.over(int(number))
+        rows = {_horizon(one.lead, period): asdict(one) for one in own}
         index = pandas().Index(list(rows), name="horizon")
         shorter = {f"skill_against_{name}": f"skill_{name}" for name in ("persistence", "arx")}
         return pandas().DataFrame(list(rows.values()), index=index).drop(columns="lead").rename(columns=shorter)

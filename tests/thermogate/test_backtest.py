@@ -39,6 +39,12 @@ def test_the_scores_are_those_of_the_forecasts(found):
     assert later["y"].equals(TABLE["Room"].loc[later.index].rename("y"))
 
 
+@pytest.mark.filterwarnings("ignore:the table. T_i")
+def test_nothing_has_a_skill_against_a_persistence_that_was_right():
+    still = tg.compare(TABLE.iloc[:192].assign(Room=20.0), "arx", "tite", columns=COLUMNS)
+    assert still.scores["skill_persistence"].isna().all()
+
+
 def test_a_forecast_one_step_ahead_is_the_one_of_the_model(found):
     own = tg.fit(TABLE, "tite", columns=COLUMNS, estimator="ekf").predictions
     ahead = found.forecasts("ekf", "1 step")
