@@ -303,7 +303,7 @@ class Loop:
         if started:
             live = self.live.restarted(live)
         elif learns:
-            live, _ = self.live.learned(live, known, outputs)
+            live = self.live.learned(live, known, outputs)
         known = thermostats.with_sample(
             known,
             estimator.network,

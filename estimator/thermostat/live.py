@@ -210,17 +210,6 @@ _Future = tuple[Mixtures, Callable[[], Heat]]
 """The outputs at L leads, and the heat over the steps that lead there."""
 
 
-class Told(NamedTuple):
-    """A forecast that was told, and is now held to what came."""
-
-    question: int
-    """PLANNED or UNPLANNED."""
-    lead: int
-    """Steps ahead."""
-    mixture: Mixture
-    """Of the first output."""
-
-
 class LiveForecasts:
     """The forecasts of one zone with a set-point, by `estimator`. Every method is pure."""
 
@@ -315,30 +304,25 @@ class LiveForecasts:
         told = guesses(thermostat.memory, thermostat.setpoint, times, self._to_come)
         return np.asarray(told[int(np.argmax(chances))])
 
-    def learned(self, live: Live, thermostat: Thermostat, outputs: Array) -> tuple[Live, tuple[Told, ...]]:
-        """After a sample with `outputs` (n_y,) that the estimator did not refuse; also what had been told of it."""
+    def learned(self, live: Live, thermostat: Thermostat, outputs: Array) -> Live:
+        """After a sample with `outputs` (n_y,) that the estimator did not refuse."""
         value = float(outputs[0])
-        if not np.isfinite(value):
-            return live, ()
-        told: list[Told] = []
-        for horizon, issue in self._due(live):
-            live, of_plan = self._learned_of_plan(live, thermostat, horizon, issue, value)
-            live, of_none = self._learned_of_none(live, horizon, issue, value)
-            for question, mixture in ((PLANNED, of_plan), (UNPLANNED, of_none)):
-                if mixture is not None:
-                    told.append(Told(question, self.leads[horizon], mixture))
-        return live, tuple(told)
+        if np.isfinite(value):
+            for horizon, issue in self._due(live):
+                live = self._learned_of_plan(live, thermostat, horizon, issue, value)
+                live = self._learned_of_none(live, horizon, issue, value)
+        return live
 
     def _learned_of_plan(
         self, live: Live, thermostat: Thermostat, horizon: int, issue: Issue, value: float
-    ) -> tuple[Live, Mixture | None]:
-        """What the members make of the set-points that followed, under the other inputs that were foreseen, and what
-        had been told of it with the weights, the scale and the errors of the issue."""
+    ) -> Live:
+        """What the members make of the set-points that followed, under the other inputs that were foreseen; what had
+        been told of it had the weights, the scales and the errors of the issue."""
         laws, memory = thermostat.laws, thermostat.memory
         steps, shares = self.leads[horizon] - 1, issue.shares[horizon]
         setpoints, hourly = live.setpoints[len(live.setpoints) - steps :], round(HOUR / self._estimator.period)
         if not len(laws.column) or not self._members or np.isnan(setpoints).any() or len(setpoints) < steps:
-            return live, None
+            return live
         rows = np.repeat(issue.foreseen, max(1, hourly), axis=0)[:steps]
         network, period, origin = self._estimator.network, self._estimator.period, int(issue.step)
         to_come = weather(network, issue.strays, period, steps, round(origin * period))
@@ -362,27 +346,26 @@ class LiveForecasts:
         futures = told._replace(means=np.concatenate([energies[place] for place in counted])[None])
         live = self._energy_widened(live, horizon, futures, float(live.heat[len(live.heat) - steps :].sum()), stands)
         states = np.concatenate([of[place] for place in counted])
-        scales = issue.scales[[PLANNED, _FORCED], horizon]
-        strayed = held.strayed_by_all(told, states, scales, issue.errors[horizon])
         state = int(np.argmax(np.bincount(states, told.weights)))
         if state == held.HELD:
             kept = states == held.HELD
             error = value - float(np.average(told.means[0, kept], weights=told.weights[kept]))
-            return live._replace(errors=held.with_error(live.errors, horizon, error)), strayed
+            return live._replace(errors=held.with_error(live.errors, horizon, error))
         width = PLANNED if state == held.IDLE else _FORCED
-        return self._widened(live, width, horizon, strayed, float(issue.scales[width, horizon]), value, stands), strayed
+        scales = issue.scales[[PLANNED, _FORCED], horizon]
+        strayed = held.strayed_by_all(told, states, scales, issue.errors[horizon])
+        return self._widened(live, width, horizon, strayed, float(issue.scales[width, horizon]), value, stands)
 
-    def _learned_of_none(self, live: Live, horizon: int, issue: Issue, value: float) -> tuple[Live, Mixture | None]:
-        """What the futures of an issue made of it, and what had been told of it."""
+    def _learned_of_none(self, live: Live, horizon: int, issue: Issue, value: float) -> Live:
+        """What the futures of an issue made of it."""
         there, parts = _parts(issue, horizon)
         if not there:
-            return live, None
+            return live
         now = self._weights(live.futures, self._prior)[there, horizon]
         stands, scale = float(issue.stands), float(issue.scales[UNPLANNED, horizon])
         futures = _judged(live.futures, horizon, parts, now / now.sum(), value, stands * self._hours, there)
         whole = _unplanned(issue, horizon, scale)
-        live = self._widened(live._replace(futures=futures), UNPLANNED, horizon, whole, scale, value, stands)
-        return live, whole
+        return self._widened(live._replace(futures=futures), UNPLANNED, horizon, whole, scale, value, stands)
 
     def _energy_widened(self, live: Live, horizon: int, futures: Mixture, value: float, stands: float) -> Live:
         """The width of energies after those of `futures` were held to `value`, that of the same steps."""
@@ -715,10 +698,4 @@ def _arrays(draws: ModelDraws) -> dict[str, Array]:
 def _draws(network: Any, arrays: Mapping[str, Array]) -> ModelDraws:
     nothing = np.empty(0)
     values: dict[str, Any] = dict(arrays) | {"gain_stays": float(arrays["gain_stays"])}
-    return ModelDraws(
-        network=network,
-        point=nothing,
-        mean=nothing,
-        covariance=nothing,
-        **values,
-    )
+    return ModelDraws(network=network, point=nothing, mean=nothing, covariance=nothing, **values)

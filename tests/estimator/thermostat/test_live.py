@@ -12,7 +12,7 @@ from estimator.network.presets import network
 from estimator.registry import build
 from estimator.thermostat.answers import JOULES, energy
 from estimator.thermostat.futures import GUESSES, ToCome, guesses
-from estimator.thermostat.live import FUTURES, PLANNED, UNPLANNED, Ahead, LiveForecasts, Now
+from estimator.thermostat.live import FUTURES, PLANNED, Ahead, LiveForecasts, Now
 from estimator.thermostat.memory import no_memory, remembered
 from estimator.thermostat.thermostat import no_thermostat, with_sample
 from estimator.verification.hindsight import issued_at
@@ -36,15 +36,14 @@ class Zone:
         self.forecasts = LiveForecasts(self.estimator, SEED)
         self.thermostat, self.live = no_thermostat(2), self.forecasts.begin()
         self.day = no_day(2, PERIOD)
-        self.state, self.told, self.before, self.time = None, [], np.full(2, np.nan), 0
+        self.state, self.issued, self.before, self.time = None, {}, np.full(2, np.nan), 0
 
     def step(self, k, outputs, inputs, setpoint):
         if self.state is None:
             self.state = self.estimator.start(SEED, outputs, inputs)
         else:
             self.state = self.estimator.update(self.state, outputs).state
-            self.live, told = self.forecasts.learned(self.live, self.thermostat, outputs)
-            self.told += [(k, outputs[0], one) for one in told]
+            self.live = self.forecasts.learned(self.live, self.thermostat, outputs)
         self.thermostat = with_sample(
             self.thermostat,
             HOUSE,
@@ -57,12 +56,13 @@ class Zone:
         )
         self.day = with_inputs(self.day, k * PERIOD, inputs)
         self.state, self.before, self.time = self.estimator.predict(self.state, inputs), inputs, (k + 1) * PERIOD
-
-        def coming(steps):
-            return ahead(foreseen(HOUSE, self.day, inputs, self.time + PERIOD * np.arange(float(steps))).rows)
-
         issues = issued_at(self.time, PERIOD, SEED)
-        self.live = self.forecasts.advanced(self.live, self.now(), coming if issues else None)
+        self.live = self.forecasts.advanced(self.live, self.now(), self.coming if issues else None)
+        if issued := self.forecasts.issued(self.live):
+            self.issued[k] = issued
+
+    def coming(self, steps):
+        return ahead(foreseen(HOUSE, self.day, self.before, self.time + PERIOD * np.arange(float(steps))).rows)
 
     def now(self):
         return Now(self.state, self.thermostat, self.before, self.time)
@@ -169,16 +169,26 @@ def test_the_likely_set_points_are_those_of_the_guess_that_proved_best():
     assert np.mean(likely == after(data, now)[2]) > 0.9
 
 
-@pytest.mark.parametrize("question", [PLANNED, UNPLANNED])
-def test_the_interval_of_what_was_told_covers_as_it_claims(question):
-    zone, _, now = lived()
-    told = [
-        (value, one.mixture)
-        for k, value, one in zone.told
-        if one.question == question and one.lead == DAILY and k > now - 7 * DAILY
-    ]
-    assert len(told) > 100
-    inside = [lower <= value <= upper for value, mixture in told for lower, upper in [mixture.quantiles(TAILS, 0)]]
+def covered(forecast, value):
+    lower, upper = forecast.quantiles(TAILS, 0)
+    return lower <= value <= upper
+
+
+def test_where_nobody_plans_the_interval_covers_as_it_claims():
+    zone, (outputs, *_), now = lived()
+    told = [(k + DAILY, issued[-1]) for k, issued in zone.issued.items() if now - 8 * DAILY < k]
+    assert len(told) > 150
+    assert 0.9 <= np.mean([covered(forecast, outputs[k, 0]) for k, forecast in told]) <= 0.99
+
+
+def test_under_a_plan_the_interval_covers_as_it_claims():
+    data, begin, inside = recorded(16, PERIOD), 7 * DAILY, []
+    zone = Zone().run(data, 0, begin)
+    for k in range(begin, begin + 8 * DAILY, 3):
+        outputs, _, wanted = after(data, k)
+        fan = zone.forecasts.planned(zone.live, zone.now(), wanted, zone.coming(DAILY))
+        inside.append(covered(fan.outputs.at(DAILY - 1), outputs[-1]))
+        zone.run(data, k, k + 3)
     assert 0.9 <= np.mean(inside) <= 0.99
 
 
@@ -318,6 +328,5 @@ def test_a_bank_without_a_set_point_asks_its_blind_regressions_too():
     assert min(chances[name] for name in ("heat-held", "heat-of-yesterday", "by-regression")) > 0.0
     assert sum(chances[name] for name in GUESSES) == 0.0
     assert fan.outputs.weights[-1, fan.simulated :].sum() == pytest.approx(chances["by-regression"])
-    told = zone.forecasts.issued(zone.live)
-    assert told is None or len(told) == len(zone.forecasts.leads)
-    assert any(one.question == UNPLANNED and one.lead == DAILY for _, _, one in zone.told)
+    assert zone.issued
+    assert {len(issued) for issued in zone.issued.values()} == {len(zone.forecasts.leads)}
