@@ -34,12 +34,10 @@ def daily_windows(times: Seconds, period: float, zone: str, begin: float, end: f
     second, first, last = wall_clock(times, zone) % DAY, round(begin * HOUR), round(end * HOUR)
     inside = (second >= first) & (second < last) if first < last else (second >= first) | (second < last)
     windows = []
-    for stretch in _unbroken(times, period):
-        for run in runs(inside[stretch.begin : stretch.end]):
-            window = Window(run.begin + stretch.begin, run.end + stretch.begin)
-            late, early = (second[window.begin] - first) % DAY, (last - second[window.end - 1]) % DAY
-            if late < period and early <= period:
-                windows.append(window)
+    for window in unbroken_runs(inside, times, period):
+        late, early = (second[window.begin] - first) % DAY, (last - second[window.end - 1]) % DAY
+        if late < period and early <= period:
+            windows.append(window)
     return windows
 
 
@@ -67,7 +65,7 @@ def runs(mask: Mask) -> list[Window]:
     return [Window(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _unbroken(times: Seconds, period: float) -> list[Window]:
-    """Stretches of rows that are `period` s apart."""
+def unbroken_runs(mask: Mask, times: Seconds, period: float) -> list[Window]:
+    """Runs of rows `period` s apart, at all of which `mask` (K,) holds."""
     cuts = [0, *(np.flatnonzero(np.diff(times) != period) + 1).tolist(), len(times)]
-    return [Window(*pair) for pair in pairwise(cuts)]
+    return [Window(cut + run.begin, cut + run.end) for cut, end in pairwise(cuts) for run in runs(mask[cut:end])]

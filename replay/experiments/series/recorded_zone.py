@@ -14,7 +14,7 @@ from replay.errors import ReplayError
 from replay.experiments.series.filtering import Series
 from replay.localtime import DAY, Seconds
 from replay.recorded.stored import stored_samples
-from replay.scores.windows import Window
+from replay.scores.windows import Window, unbroken_runs
 from service.config.site import Config, ZoneConfig
 from service.recordings.samples import read_samples
 from service.records.outlook import SET_POINTS
@@ -106,13 +106,11 @@ def bridged(record: ZoneRecord, network: Network, max_gap: int) -> Series:
 def pieces(record: ZoneRecord, output: str, inputs: Sequence[str], shortest: float) -> list[Window]:
     """Unbroken stretches of at least `shortest` s without a missing input; each begins with `output` measured."""
     usable = np.asarray(np.isfinite(record.matrix(inputs)).all(axis=1))
-    apart = np.concatenate([[True], np.diff(record.times) != record.period])
     found, measured = [], np.isfinite(record.columns[output])
-    edges = np.flatnonzero(apart | ~usable | np.concatenate([[True], ~usable[:-1]]))
-    for begin, end in zip(edges, [*edges[1:], len(usable)], strict=True):
+    for begin, end in unbroken_runs(usable, record.times, record.period):
         first = np.flatnonzero(measured[begin:end])
-        if usable[begin] and len(first) and (end - begin - first[0]) * record.period >= shortest:
-            found.append(Window(int(begin + first[0]), int(end)))
+        if len(first) and (end - begin - first[0]) * record.period >= shortest:
+            found.append(Window(int(begin + first[0]), end))
     return found
 
 
