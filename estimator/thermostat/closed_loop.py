@@ -27,15 +27,6 @@ from estimator.thermostat.law import Laws, called
 from estimator.types import Mixtures, ModelDraws
 
 
-class Noise(NamedTuple):
-    """What makes one future differ from another, over h steps of K draws."""
-
-    process: Array
-    """(h, n_x + G, K): added to the state [K, W] after each step."""
-    alive: Array
-    """(h, G, K): whether a gain that is on at the beginning still lasts, 0 or 1."""
-
-
 class Paths(NamedTuple):
     """K futures of h steps."""
 
@@ -57,12 +48,6 @@ class Paths(NamedTuple):
         return Mixtures(np.tile(self.weights, (len(means), 1)), means, sds.copy())
 
 
-def no_noise(models: StateSpace, steps: int) -> Noise:
-    """Every draw moves as its matrices say."""
-    count, size = models.state.shape
-    return Noise(np.zeros((steps, size, count)), np.ones((steps, size - len(models.network.nodes), count)))
-
-
 class Course(NamedTuple):
     """K models on their way over h steps, all but ready to run: what differs between two futures is what was asked."""
 
@@ -76,7 +61,10 @@ class Course(NamedTuple):
     """(h, L): what each law's input is where there is no set-point."""
     first: Array
     """(L,): what each law's input was over the step before."""
-    noise: Noise
+    process: Array
+    """(h, n_x + G, K): added to the state [K, W] after each step."""
+    alive: Array
+    """(h, G, K): whether a gain that is on at the beginning still lasts, 0 or 1."""
     numbers: Array
     """(L, 3, K): the laws' in each draw."""
     weather: Indices
@@ -100,63 +88,13 @@ class Course(NamedTuple):
             self.laws.side,
             self.laws.switching,
             self.numbers,
-            self.noise.process,
-            self.noise.alive,
+            self.process,
+            self.alive,
             temperatures,
             heat,
         )
         variance = np.diagonal(models.r, axis1=1, axis2=2).copy()
         return Paths(models.weights, temperatures, heat * self.laws.sign, variance, self.weather)
-
-
-def course(
-    models: StateSpace,
-    laws: Laws,
-    rows: Array,
-    before: Array,
-    *,
-    noise: Noise | None = None,
-    numbers: Array | None = None,
-    astray: Astray | None = None,
-) -> Course:
-    """The futures of `models` over `rows` (h, n_u), the inputs of every step; those that obey a law hold what is
-    planned where there is no set-point.
-
-    Args:
-        before: (n_u,): inputs of the step before, from which on-off laws know whether they are on.
-        noise: by default none.
-        numbers: (L, 3, K): the laws' numbers in each draw; by default those of `laws` in all.
-        astray: by how much the inputs of each draw differ from `rows`; by default they do not.
-    """
-    count, places = len(models.state), laws.column.astype(np.int64)
-    noise = noise or no_noise(models, len(rows))
-    if numbers is None:
-        numbers = np.repeat(laws.numbers[:, :, None], count, axis=2)
-    others = rows.copy()
-    others[:, places] = 0.0
-    idle = _driven(models.b, others)
-    if astray is not None:
-        for column, shift in astray.shifts:
-            idle += shift[:, :, None] * models.b[:, None, :, column]
-        if len(astray.sunny):
-            idle += astray.sun[:, :, None] * _driven(models.b[:, :, astray.sunny], rows[:, astray.sunny])
-    return Course(
-        models._replace(a=np.ascontiguousarray(models.a)),
-        laws,
-        np.ascontiguousarray(models.b[:, :, places]) * laws.sign,
-        np.ascontiguousarray(idle),
-        laws.sign * rows[:, places],
-        np.maximum(laws.sign * before[places], 0.0),
-        noise,
-        np.ascontiguousarray(numbers),
-        np.full(count, -1) if astray is None else astray.weather,
-    )
-
-
-def _driven(response: Array, rows: Array) -> Array:
-    """(K, h, n): what `rows` (h, m) bring to each draw by its `response` (K, n, m)."""
-    count, size, width = response.shape
-    return (response.reshape(count * size, width) @ rows.T).reshape(count, size, len(rows)).transpose(0, 2, 1)
 
 
 def course_of(
@@ -170,12 +108,16 @@ def course_of(
     origin: int,
     astray: Astray | None = None,
 ) -> Course:
-    """`course` of `draws`, with noise as `sampled_paths` has it and numbers of the `laws` drawn from what is known of
-    them.
+    """The futures of `draws` over `rows` (h, n_u), the inputs of every step, with noise as `sampled_paths` has it and
+    numbers of the `laws` drawn from what is known of them. Inputs that obey a law hold what is planned where there is
+    no set-point.
 
-    `seed` and `origin`, the number of the step now, are all that the random numbers depend on.
+    Args:
+        before: (n_u,): inputs of the step before, from which on-off laws know whether they are on.
+        seed: with `origin`, the number of the step now, all that the random numbers depend on.
+        astray: by how much the inputs of each draw differ from `rows`; by default they do not.
     """
-    steps = len(rows)
+    steps, places = len(rows), laws.column.astype(np.int64)
     models = of_draws(draws, period, 1)
     size, count = draws.state.shape
     states = len(models.network.nodes)
@@ -189,8 +131,37 @@ def course_of(
     # The matrices hold the chance that a gain stays on; here it does, or does not.
     transition = models.a.copy()
     transition[:, :, states:] /= draws.gain_stays or 1.0
-    models, noise = models._replace(a=transition, state=start), Noise(process, alive)
-    return course(models, laws, rows, before, noise=noise, numbers=_drawn(laws, now, count), astray=astray)
+    return Course(
+        models._replace(a=transition, state=start),
+        laws,
+        np.ascontiguousarray(models.b[:, :, places]) * laws.sign,
+        _idle(models, places, rows, astray),
+        laws.sign * rows[:, places],
+        np.maximum(laws.sign * before[places], 0.0),
+        process,
+        alive,
+        _drawn(laws, now, count),
+        np.full(count, -1) if astray is None else astray.weather,
+    )
+
+
+def _idle(models: StateSpace, places: Indices, rows: Array, astray: Astray | None) -> Array:
+    """(K, h, n_x): what `rows` (h, n_u) and how far they stray bring over a step, but for the inputs at `places`."""
+    others = rows.copy()
+    others[:, places] = 0.0
+    idle = _driven(models.b, others)
+    if astray is not None:
+        for column, shift in astray.shifts:
+            idle += shift[:, :, None] * models.b[:, None, :, column]
+        if len(astray.sunny):
+            idle += astray.sun[:, :, None] * _driven(models.b[:, :, astray.sunny], rows[:, astray.sunny])
+    return np.ascontiguousarray(idle)
+
+
+def _driven(response: Array, rows: Array) -> Array:
+    """(K, h, n): what `rows` (h, m) bring to each draw by its `response` (K, n, m)."""
+    count, size, width = response.shape
+    return (response.reshape(count * size, width) @ rows.T).reshape(count, size, len(rows)).transpose(0, 2, 1)
 
 
 class LawRoom(Simulation):

@@ -7,7 +7,7 @@ from estimator.network.network import Conductance, Gain, HeatInput, Network, Par
 from estimator.network.presets import network
 from estimator.statespace.matrices import of_draws
 from estimator.statespace.simulate import sampled_paths
-from estimator.thermostat.closed_loop import LawRoom, course, course_of
+from estimator.thermostat.closed_loop import LawRoom, course_of
 from estimator.thermostat.law import Laws, called, identified, no_laws, shortest_times
 from estimator.thermostat.memory import in_order, no_memory, remembered, swings
 from estimator.types import ModelDraws
@@ -38,12 +38,8 @@ def draws(count, theta=THETA, state=(20.0, 18.0), spread=0.0, noise=0.0, of=HOUS
     )
 
 
-def sampled_loops(draws, period, laws, setpoints, rows, before, *, seed, origin):
+def sampled_loops(draws, period, laws, setpoints, rows, before, *, seed=1, origin=0):
     return course_of(draws, period, laws, rows, before, seed=seed, origin=origin).under(setpoints)
-
-
-def models_of(one):
-    return of_draws(one, PERIOD, 1)
 
 
 def law(power, offset, band, *, switching=False, side=1.0, sign=1.0, column=1.0):
@@ -88,7 +84,7 @@ def recorded(laws, days=14.0, mean=3.0, seed=1, noise=0.03, setpoint=schedule):
 
 
 def exactly(laws):
-    return laws._replace(covariance=laws.covariance * 1e-9)
+    return laws._replace(covariance=laws.covariance * 1e-30)
 
 
 def given(laws, place, deviation):
@@ -217,7 +213,7 @@ def test_under_known_set_points_the_closed_loop_is_right_to_tenths_of_a_kelvin(t
     state = (last, last - 1.5)
     rows, wanted = weather(when), schedule(when)
     rows[:, 1] = memory.inputs[-1, 1]
-    came = course(models_of(draws(1, state=state)), exactly(truth), rows, rows[0]).under(wanted)
+    came = sampled_loops(draws(1, state=state), PERIOD, exactly(truth), wanted, rows, rows[0])
     # A model that is wrong by a fifth in two parameters, as after a fortnight.
     wrong = draws(64, THETA * [1.2, 1.0, 1.0, 0.8], state, spread=0.05, noise=0.02)
     fan = sampled_loops(wrong, PERIOD, found, wanted, rows, rows[0], seed=3, origin=7)
@@ -255,7 +251,8 @@ def test_a_relay_that_switches_within_an_interval_has_the_narrow_band_that_it_ke
 
 def test_a_narrow_band_does_not_overshoot_in_a_long_step():
     rows, wanted = weather(times(1.0)), np.full(144, 21.0)
-    found = course(models_of(draws(1)), law(9000.0, 0.0, 0.1), rows, rows[0]).under(wanted).temperatures[0, :, 0]
+    narrow = exactly(law(9000.0, 0.0, 0.1))
+    found = sampled_loops(draws(1), PERIOD, narrow, wanted, rows, rows[0]).temperatures[0, :, 0]
     assert (np.diff(found[: int(np.argmax(found > 20.9))]) > 0.0).all()
     assert np.abs(found[72:] - 21.0).max() < 0.06
 
@@ -273,8 +270,8 @@ def test_an_on_off_law_keeps_its_state_inside_the_hysteresis():
     rows, wanted = weather(times(0.1))[:14], np.full(14, 20.0)
     off, on = rows[0].copy(), rows[0].copy()
     on[1] = 6000.0
-    first = [course(models_of(draws(1)), ON_OFF, rows, now).under(wanted).heat[0, 0, 0] for now in (off, on)]
-    assert first == [0.0, 6000.0]
+    found = [sampled_loops(draws(1), PERIOD, exactly(ON_OFF), wanted, rows, now) for now in (off, on)]
+    assert [paths.heat[0, 0, 0] for paths in found] == [0.0, 6000.0]
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_step_others():
@@ -290,13 +287,13 @@ def test_the_same_seed_gives_the_same_bits_and_another_step_others():
 
 def test_a_room_simulated_step_by_step_is_the_closed_loop():
     rows, wanted = weather(times(0.5)), schedule(times(0.5))
-    models = models_of(draws(4, state=(19.0, 17.0)))
+    house = draws(4, state=(19.0, 17.0))
     for laws in (PROPORTIONAL, ON_OFF):
-        room, path = LawRoom(models, laws, wanted, rows[0]), []
+        room, path = LawRoom(of_draws(house, PERIOD, 1), laws, wanted, rows[0]), []
         for inputs in rows:
             path.append(room.outputs()[0])
             room.step(inputs)
-        whole = course(models, laws, rows, rows[0]).under(wanted).temperatures[0, :-1, 0]
+        whole = sampled_loops(house, PERIOD, exactly(laws), wanted, rows, rows[0]).temperatures[0, :-1, 0]
         assert np.array(path) == pytest.approx(whole, abs=1e-9)
         assert room.anew().outputs()[0] == path[0]
 
