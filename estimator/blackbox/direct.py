@@ -79,6 +79,22 @@ class DirectState(NamedTuple):
     """(n_y, L, 2): the lowest and the highest change so far [K]; 0 is among them."""
 
 
+class _Grid(NamedTuple):
+    """What every regression of a zone knows of its time and its inputs."""
+
+    leads: Array
+    """(L,): steps ahead, ascending."""
+    windows: Array
+    """Steps of _PAST, _LAST and _CHANGES."""
+    day: int
+    """Steps of a day."""
+    level: Array
+    scale: Array
+    """(n_u,): of the inputs, which count as (u - level) / scale."""
+    foresees: bool
+    """Whether inputs to come are known."""
+
+
 class DirectIssue(NamedTuple):
     """What a forecast needs of a state: the last day, and the regressions."""
 
@@ -115,9 +131,9 @@ class Direct(Regression):
         self._like = np.where(far, mirrored, np.arange(len(hours)) - 1)
         self._believed = np.where(far, 0.0, _BELIEVED)
         """(L,): share of a foretold change that is believed before any was verified."""
-        self._windows = np.array([max(1, round(hours * HOUR / period)) for hours in (*_PAST, *_LAST, *_CHANGES)])
-        self._foresees = not options.blind
-        means = len(_PAST) + (1 + len(_LAST)) * self._foresees
+        windows = np.array([max(1, round(hours * HOUR / period)) for hours in (*_PAST, *_LAST, *_CHANGES)])
+        self._grid = _Grid(self._leads, windows, self._day, self.level, self._scale, not options.blind)
+        means = len(_PAST) + (1 + len(_LAST)) * self._grid.foresees
         self._width = _OWN + means * len(network.inputs)
         least = np.full(self._width, _LEAST_INPUT_SPREAD)
         least[:_OWN] = _LEAST_SPREAD
@@ -160,9 +176,8 @@ class Direct(Regression):
     def predict(self, state: DirectState, inputs: Array) -> DirectState:
         """One period on under `inputs` (n_u,) held over the step."""
         held, rows, known = _moved_on(
-            state.inputs, inputs, state.outputs, state.measured, self.level, self._scale, self._leads[:1],
-            self._windows, self._day, int(state.step), state.coefficients[0], self._trust(state), state.seen,
-            self._foresees,
+            state.inputs, inputs, state.outputs, state.measured, self._grid, int(state.step), state.coefficients[0],
+            self._trust(state), state.seen,
         )  # fmt: skip
         return DirectState(rows, known, held, state.step + 1, *state[4:6], state.fitted + 1, *state[7:])
 
@@ -184,9 +199,9 @@ class Direct(Regression):
         past[measured, -1], known[measured, -1] = outputs[measured], 1.0
         moments, verified, seen = state.moments.copy(), state.verified.copy(), state.seen.copy()
         _learn(
-            past, known, _sums(state.inputs, self.level, self._scale), self._leads, self._windows, self._day,
-            int(state.step), (int(state.fitted), state.coefficients, self._trust(state)), (moments, verified, seen),
-            (self._forgetting, self.verified_share(int(state.step))), self._foresees,
+            past, known, state.inputs, self._grid, int(state.step),
+            (int(state.fitted), state.coefficients, self._trust(state)), (moments, verified, seen),
+            (self._forgetting, self.verified_share(int(state.step))),
         )  # fmt: skip
         learned = DirectState(past, known, *state[2:4], moments, *state[5:7], verified, seen)
         if state.fitted >= self._day:
@@ -214,9 +229,8 @@ class Direct(Regression):
         """What the issue forecasts under `plan` (h, n_u)."""
         outputs, measured = np.ascontiguousarray(issue.outputs), np.ascontiguousarray(issue.measured)
         means = _unfolded(
-            outputs, measured, np.concatenate([issue.inputs, plan]), len(plan) + 1, self.level, self._scale,
-            self._leads, self._windows, self._day, int(issue.step), issue.coefficients, issue.trust, issue.seen,
-            self._foresees,
+            outputs, measured, np.concatenate([issue.inputs, plan]), len(plan) + 1, self._grid, int(issue.step),
+            issue.coefficients, issue.trust, issue.seen,
         )  # fmt: skip
         return Mixtures.of_gaussians(means.T, _spread(issue.sds, self._leads, measured, len(plan) + 1).T)
 
@@ -266,29 +280,24 @@ def _first(measured):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _moved_on(  # type: ignore[no-untyped-def]
-    inputs, newest, outputs, measured, level, scale, leads, windows, day, step, coefficients, trust, seen, foresees
-):  # fmt: skip
-    """Inputs with the `newest` (n_u,), outputs with what is foretold at the first of `leads`, and that it is not
-    measured."""
+def _moved_on(inputs, newest, outputs, measured, grid, step, coefficients, trust, seen):  # type: ignore[no-untyped-def]
+    """Inputs with the `newest` (n_u,), outputs with what is foretold at the first lead, and that it is not measured."""
     held, rows, known = np.empty_like(inputs), np.empty_like(outputs), np.empty_like(measured)
     held[:-1], held[-1] = inputs[1:], newest
     rows[:, :-1], rows[:, -1] = outputs[:, 1:], outputs[:, -1]
     known[:, :-1], known[:, -1] = measured[:, 1:], 0.0
-    rows[:, -1] += _foretold(
-        rows, _first(known), _sums(held, level, scale), leads, windows, day, step, 2 * day - 1, coefficients, trust,
-        seen, foresees,
-    )[:, 0]  # fmt: skip
+    sums, first, origin = _sums(held, grid), _first(known), 2 * grid.day - 1
+    rows[:, -1] += _foretold(rows, first, sums, grid, step, origin, coefficients, trust, seen, 1)[:, 0]
     return held, rows, known
 
 
 @njit(cache=True, nogil=True)
-def _sums(inputs, level, scale):  # type: ignore[no-untyped-def]
+def _sums(inputs, grid):  # type: ignore[no-untyped-def]
     """(m + 1, n_u): sums of the first rows of scaled `inputs` (m, n_u)."""
-    found = np.zeros((len(inputs) + 1, len(level)))
+    found = np.zeros((len(inputs) + 1, len(grid.level)))
     for k in range(len(inputs)):
-        for j in range(len(level)):
-            found[k + 1, j] = found[k, j] + (inputs[k, j] - level[j]) / scale[j]
+        for j in range(len(grid.level)):
+            found[k + 1, j] = found[k, j] + (inputs[k, j] - grid.level[j]) / grid.scale[j]
     return found
 
 
@@ -341,34 +350,34 @@ def _spreads(verified, presumed, growth, like):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _row(outputs, first, sums, origin, lead, windows, day, step, foresees, row):  # type: ignore[no-untyped-def]
+def _row(outputs, first, sums, origin, lead, grid, step, row):  # type: ignore[no-untyped-def]
     """Regressors (p,) of a forecast `lead` steps ahead of the sample at the place `origin`, number `step`, in place.
 
     Before the place `first` nothing is known. `sums` (m + 1, n_u) are those of the inputs before each place: that of
     place k is held from sample k to the next.
     """
-    own, target = outputs[origin], origin + lead
+    windows, own, target = grid.windows, outputs[origin], origin + lead
     row[0] = 1.0
     row[1] = own - LEVEL
     row[2] = own - outputs[max(origin - 1, 0)]
     row[3] = own - outputs[max(origin - windows[5], 0)]
     row[4] = own - outputs[max(origin - windows[6], 0)]
-    before = max(min(target - day, origin), 0)
+    before = max(min(target - grid.day, origin), 0)
     row[5] = outputs[before] - own if before >= first else 0.0
-    angle = 2.0 * np.pi * ((step + lead) % day) / day
+    angle = 2.0 * np.pi * ((step + lead) % grid.day) / grid.day
     row[6], row[7] = np.sin(angle), np.cos(angle)
     place = 8
     for j in range(sums.shape[1]):
-        if foresees:
+        if grid.foresees:
             row[place] = (sums[target, j] - sums[origin, j]) / lead
             place += 1
         for w in range(3):
-            first = max(origin - windows[w], 0)
-            row[place] = (sums[origin, j] - sums[first, j]) / max(origin - first, 1)
+            begin = max(origin - windows[w], 0)
+            row[place] = (sums[origin, j] - sums[begin, j]) / max(origin - begin, 1)
             place += 1
-        for w in range(2 if foresees else 0):
-            first = max(target - windows[3 + w], origin)
-            row[place] = (sums[target, j] - sums[first, j]) / (target - first)
+        for w in range(2 if grid.foresees else 0):
+            begin = max(target - windows[3 + w], origin)
+            row[place] = (sums[target, j] - sums[begin, j]) / (target - begin)
             place += 1
 
 
@@ -379,35 +388,31 @@ def _change(row, coefficients, lowest, highest):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _foretold(  # type: ignore[no-untyped-def]
-    outputs, first, sums, leads, windows, day, step, origin, coefficients, trust, seen, foresees
-):  # fmt: skip
-    """Changes (n_y, L) [K] after the sample at the place `origin`, number `step`; before the places `first` (n_y,)
-    nothing is known of `outputs`."""
-    row, changes = np.empty(coefficients.shape[2]), np.empty((outputs.shape[0], len(leads)))
+def _foretold(outputs, first, sums, grid, step, origin, coefficients, trust, seen, count):  # type: ignore[no-untyped-def]
+    """Changes (n_y, count) [K] at the first leads after the sample at the place `origin`, number `step`; before the
+    places `first` (n_y,) nothing is known of `outputs`."""
+    row, changes = np.empty(coefficients.shape[2]), np.empty((outputs.shape[0], count))
     for i in range(outputs.shape[0]):
-        for n in range(len(leads)):
-            _row(outputs[i], first[i], sums, origin, leads[n], windows, day, step, foresees, row)
+        for n in range(count):
+            _row(outputs[i], first[i], sums, origin, grid.leads[n], grid, step, row)
             changes[i, n] = trust[i, n] * _change(row, coefficients[i, n], seen[i, n, 0], seen[i, n, 1])
     return changes
 
 
 @njit(cache=True, nogil=True)
-def _unfolded(  # type: ignore[no-untyped-def]
-    past, measured, inputs, steps, level, scale, leads, windows, day, step, coefficients, trust, seen, foresees
-):  # fmt: skip
+def _unfolded(past, measured, inputs, steps, grid, step, coefficients, trust, seen):  # type: ignore[no-untyped-def]
     """Outputs (n_y, steps) from a forecast of the newest of `past` (n_y, day + 2) on. `inputs` (m, n_u) begin a day
     before the last sample."""
     # The lead after the last one that is asked for may need inputs beyond.
+    day, needed = grid.day, grid.leads[: np.searchsorted(grid.leads, steps) + 1]
     held = np.empty((len(inputs) + day, inputs.shape[1]))
     held[: len(inputs)], held[len(inputs) :] = inputs, inputs[-1]
-    sums, needed = _sums(held, level, scale), leads[: np.searchsorted(leads, steps) + 1]
-    outputs, first = np.zeros((len(past), day + 1 + steps + day)), _first(measured)
+    sums, first = _sums(held, grid), _first(measured)
+    outputs = np.zeros((len(past), day + 1 + steps + day))
     outputs[:, : day + 1] = past[:, :-1]
     for last in range(day, day + steps, day):
-        changes = _foretold(
-            outputs, first, sums, needed, windows, day, step + last - day - 1, last, coefficients, trust, seen, foresees
-        )
+        now = step + last - day - 1
+        changes = _foretold(outputs, first, sums, grid, now, last, coefficients, trust, seen, len(needed))
         for i in range(len(past)):
             begin, change, n = 0, 0.0, 0
             for ahead in range(1, day + 1):
@@ -420,23 +425,21 @@ def _unfolded(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _learn(  # type: ignore[no-untyped-def]
-    outputs, measured, sums, leads, windows, day, step, known, learned, memory, foresees
-):  # fmt: skip
+def _learn(outputs, measured, inputs, grid, step, known, learned, memory):  # type: ignore[no-untyped-def]
     """Verify what could be forecast for the newest sample, number `step`, and add it to what is `learned`, in place:
     moments, verified and seen. `known` are the steps since the fit, the coefficients and the trust; `memory` is what a
     step leaves of moments and of verified forecasts."""
     fitted, coefficients, trust = known
     moments, verified, seen = learned
     forgetting, kept = memory
-    target = outputs.shape[1] - 1
+    leads, sums, target = grid.leads, _sums(inputs, grid), outputs.shape[1] - 1
     row, first = np.empty(coefficients.shape[3]), _first(measured)
     for i in range(outputs.shape[0]):
         for n in range(len(leads)):
             origin = target - leads[n]
             if measured[i, target] == 0.0 or measured[i, origin] == 0.0:
                 continue
-            _row(outputs[i], first[i], sums, origin, leads[n], windows, day, step - leads[n], foresees, row)
+            _row(outputs[i], first[i], sums, origin, leads[n], grid, step - leads[n], row)
             real = outputs[i, target] - outputs[i, origin]
             # With the coefficients that were in force when the forecast would have been made.
             then = coefficients[0 if leads[n] <= fitted else 1, i, n]
