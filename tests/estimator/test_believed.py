@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.small_building import PERIOD, TRUTH, building, record
+from support.small_building import PERIOD, TRUTH, after, building, record
 
 from estimator.believed import TAILS, believed
 from estimator.registry import build
@@ -11,10 +11,7 @@ from estimator.registry import build
 def learned(name, options, seed, steps):
     data = record(steps, seed=seed, process_sd=0.01)
     estimator = build(name, building(), PERIOD, options)
-    state = estimator.start(seed, data.outputs[0], data.inputs[0])
-    for inputs, outputs in zip(data.inputs[:-1], data.outputs[1:], strict=True):
-        state = estimator.update(estimator.predict(state, inputs), outputs).state
-    return estimator, state
+    return estimator, after(estimator, data.inputs, data.outputs, seed)
 
 
 @pytest.mark.parametrize("levels", [(0.025, 0.5, 0.975), (0.1, 0.9), (0.5,)])

@@ -40,6 +40,14 @@ def record(steps: int, seed: int, process_sd: float = 0.0, noise_sd: float = 0.0
     return Record(inputs, states[:, :1] + noise_sd * rng.standard_normal((steps, 1)), states)
 
 
+def after(estimator, inputs, outputs, seed=4):
+    """What an estimator knows after `outputs` (K, n_y) under `inputs` (K, n_u)."""
+    state = estimator.start(seed, outputs[0], inputs[0])
+    for u, y in zip(inputs[:-1], outputs[1:], strict=True):
+        state = estimator.update(estimator.predict(state, u), y).state
+    return state
+
+
 def textbook_kalman(net, theta, period, start, record, process_sd, noise_sd, measured):
     """Predicted means and sds (K - 1, n_y) and the log likelihood; `start` is (mean, covariance) at sample 0."""
     step = dynamics(net, theta, period)

@@ -9,13 +9,7 @@ from support.small_building import PERIOD, building, record
 from support.tables import tabled
 
 from estimator.diagnosis.diagnose import EVERY, diagnose, due
-from estimator.diagnosis.finding import (
-    AT_BOUND,
-    IMPLAUSIBLE,
-    MEMBERS_DISAGREE,
-    MISSES_SOMETHING,
-    NARROWER_BOUNDS,
-)
+from estimator.diagnosis.finding import AT_BOUND, IMPLAUSIBLE, MEMBERS_DISAGREE, MISSES_SOMETHING, NARROWER_BOUNDS
 from estimator.diagnosis.members import carried, disagreement, variants
 from estimator.diagnosis.record import no_record, with_sample
 from estimator.diagnosis.telemetry.recent import nothing_recent

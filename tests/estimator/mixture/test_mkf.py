@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.special import ndtr
 from support.forecasts import mean_path, unfolded
-from support.small_building import PERIOD, TRUTH, building, known, record, textbook_kalman, two_rooms
+from support.small_building import PERIOD, TRUTH, after, building, known, record, textbook_kalman, two_rooms
 
 from estimator.heat.known import KnownHeat, LocalTime
 from estimator.heat.sun import Location
@@ -202,9 +202,7 @@ def test_a_gain_that_is_as_good_as_never_on_is_none():
 def test_parameters_come_close_to_the_truth_and_their_intervals_hold_it():
     data, net = record(1000, seed=2, process_sd=0.01), building()
     estimator = build("mkf", net, PERIOD, {"preset": "output-error", "measurement_sd": 0.05, "process_sd": 0.01})
-    state = estimator.start(4, data.outputs[0], data.inputs[0])
-    for u, y in zip(data.inputs[:-1], data.outputs[1:], strict=True):
-        state = estimator.update(estimator.predict(state, u), y).state
+    state = after(estimator, data.inputs, data.outputs)
     summary = estimator.parameters(state, np.array([0.001, 0.5, 0.999]))
     truth = np.array([TRUTH[parameter.name] for parameter in net.parameters])
     assert (summary.parameters[:, 0] < truth).all()
@@ -225,9 +223,7 @@ def test_what_lasts_for_hours_is_no_news_about_parameters():
         for hours, found in held.items():
             options = {"measurement_sd": 0.05, "process_sd": 0.01, "error_hours": hours}
             estimator = build("mkf", net, PERIOD, {"preset": "output-error", **options})
-            state = estimator.start(4, data.outputs[0], told[0])
-            for u, y in zip(told[:-1], data.outputs[1:], strict=True):
-                state = estimator.update(estimator.predict(state, u), y).state
+            state = after(estimator, told, data.outputs)
             low, high = estimator.parameters(state, np.array([0.025, 0.975])).parameters.T
             found += ((low < truth) & (truth < high)).tolist()
     assert np.mean(held[0.0]) < 0.5 < 0.8 < np.mean(held[6.0])
@@ -238,9 +234,7 @@ def test_scenarios_are_distributed_as_the_prediction(preset):
     data, particles = record(60, seed=6), 2000
     options = {"preset": preset, "parameter_sd": 0.0, "particles": particles, "scenarios": 20_000}
     estimator = build("mkf", building(), PERIOD, options)
-    state = estimator.start(4, data.outputs[0], data.inputs[0])
-    for u, y in zip(data.inputs[:-1], data.outputs[1:], strict=True):
-        state = estimator.update(estimator.predict(state, u), y).state
+    state = after(estimator, data.inputs, data.outputs)
     expected = estimator.predictive(estimator.predict(state, data.inputs[0]))
     drawn = unfolded(estimator, state, data.inputs[:1])[1]
     levels = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
@@ -288,9 +282,7 @@ def test_it_finds_the_sun_of_the_facades_and_the_habits_of_people():
     )  # fmt: skip
     outputs = states[:, :1] + 0.03 * rng.standard_normal((len(times), 1))
     estimator = build("mkf", net, PERIOD, {"preset": "habits", "gain": "none", "measurement_sd": 0.03})
-    state = estimator.start(4, outputs[0], drive[0])
-    for u, y in zip(drive[:-1], outputs[1:], strict=True):
-        state = estimator.update(estimator.predict(state, u), y).state
+    state = after(estimator, drive, outputs)
     low, found, high = estimator.parameters(state, np.array([0.001, 0.5, 0.999])).coefficients.T
     assert ((low <= coefficients) & (coefficients <= high)).all()
     for name, value in truth.items():

@@ -2,13 +2,7 @@ import numpy as np
 import pytest
 
 from replay.localtime import DAY, HOUR, midnight
-from replay.recorded.raw_telemetry import (
-    Faults,
-    Sensor,
-    kept_rows,
-    measured,
-    row_times,
-)
+from replay.recorded.raw_telemetry import Faults, Sensor, kept_rows, measured, row_times
 
 BERLIN = "Europe/Berlin"
 

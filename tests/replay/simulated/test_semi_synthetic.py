@@ -5,10 +5,7 @@ import pytest
 from support.tables import tabled
 
 from replay.errors import WeatherFileError
-from replay.simulated.semi_synthetic import (
-    generate,
-    read_weather,
-)
+from replay.simulated.semi_synthetic import generate, read_weather
 
 
 def test_same_seed_same_numbers_and_fewer_days_are_a_beginning() -> None:
