@@ -64,17 +64,12 @@ class MKFState(NamedTuple):
     step: Array
     """(): k, int64; with `seed` it is the whole state of the random numbers."""
     mean: Array
-    """(n_z, N): means of temperatures [degC], gain [kW], coefficients and log parameters."""
     covariance: Array
-    """(n_z (n_z + 1) / 2, N): packed lower triangles."""
     log_alpha: Array
-    """(B, N)."""
     log_noise: Array
-    """(n_y, N): log sigma_y [K]."""
     gain_on: Array
-    """(G, N): 1 while the gain is on, else 0."""
     log_hours: Array
-    """(G, N): log of the gain's time constant [h]."""
+    """As in `Particles`."""
     log_weights: Array
     """(N,): normalised."""
     histogram: Array

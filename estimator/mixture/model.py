@@ -34,7 +34,7 @@ class Particles(NamedTuple):
     """
 
     mean: Array
-    """(n_z, N)."""
+    """(n_z, N): means of temperatures [degC], gain [kW], coefficients and log parameters."""
     covariance: Array
     """(n_z (n_z + 1) / 2, N): packed lower triangles."""
     log_alpha: Array

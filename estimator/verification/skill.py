@@ -32,14 +32,12 @@ class Scores(NamedTuple):
     forecasts: Array
     """How many."""
     rmse: Array
-    """K."""
     crps: Array
     """K."""
     coverage: Array
     width: Array
     """K."""
     persistence_rmse: Array
-    """K."""
     arx_rmse: Array
     """K."""
 
@@ -49,14 +47,10 @@ class IssuedScores(NamedTuple):
 
     forecasts: Array
     rmse: Array
-    """K."""
     crps: Array
-    """K."""
     coverage: Array
     width: Array
-    """K."""
     persistence_rmse: Array
-    """K."""
     yesterday_rmse: Array
     """Of the same time a day before [K]."""
     persistence_crps: Array
