@@ -63,9 +63,11 @@ _PRIOR = (0.4, 1.0, 0.5, 0.7, 0.4, 0.6, 1.0)
 _SCHEDULED = (8.0, *_PRIOR[1:])
 """The same where a schedule sets the set-points."""
 
-_DISCOUNT, _RATE, _SHARING = 0.998, 0.1, 0.5
-_FEEDBACK, _FIRST = 0.02, 1.0
+_DISCOUNT, _RATE, _SHARING, _FEEDBACK = 0.998, 0.1, 0.5, 0.02
 """As the defaults of a bank."""
+
+_FIRST = 1.0
+"""The `first_feedback` of a bank, whose default is smaller."""
 
 _KEPT = 12
 """Draws of each member that wait for the set-points that follow."""
