@@ -111,6 +111,7 @@ class Bank(OneState):
         self.forecast_draws = options.scenarios
         self._voice = self.names.index(options.voice)
         physical = [member.physical for member in self.members]
+        self.physical = any(physical)
         fit = [has and options.members[name].plans for name, has in zip(self.names, physical, strict=True)]
         self.plans = np.array(fit if any(fit) else physical)
         """(E,): whose physics is asked what a plan of heating would do, and is told of the building."""

@@ -94,8 +94,8 @@ def parameters(trace: Trace) -> Plot:
             lines = _learned(x, trace.parameters[:, place])
             panels.append(Panel((*lines, *bounds), f"[{parameter.unit}]", _HALF, log=True, title=parameter.name))
     low, median, high = (np.log10(column) for column in trace.heat_loss.T)
-    shown = _legible((median,), (low, high)) or (0.0, 1.0)
-    wide = (10.0 ** shown[0], 10.0 ** shown[1])
+    shown = _legible((median,), (low, high))
+    wide = None if shown is None else (10.0 ** shown[0], 10.0 ** shown[1])
     title = "heat loss to all sides"
     panels.append(Panel(_learned(x, trace.heat_loss), "[W/K]", _HALF, wide, log=True, title=title))
     return Plot("parameters-over-time", Chart(panels, trace.clock, dated=True, columns=2))

@@ -386,6 +386,7 @@ def test_parameters_are_uncertain_where_the_members_disagree():
     assert mixture.heat_loss[0] <= 1.1 * min(summary.heat_loss[1] for summary in own)
     assert mixture.heat_loss[2] >= 0.9 * max(summary.heat_loss[1] for summary in own)
     blind = small_bank(members={"arx": {"estimator": "arx"}})
+    assert not blind.physical
     assert np.isnan(blind.parameters(walked(blind, started(blind), 0, 5), ends).heat_loss).all()
 
 

@@ -20,7 +20,6 @@ from replay.experiments.topology.data import recordings
 from replay.localtime import DAY, HOUR
 from replay.recorded.runner import replay_recording
 from replay.recorded.stored import stored_traces
-from replay.reports import plots
 from replay.reports.kit.table import shown
 from replay.reports.language import in_language, sayer
 from replay.reports.page import report
@@ -118,12 +117,6 @@ def test_a_report_tells_the_rooms_in_the_order_of_what_to_do(replayed):
     made = report("site", [trace._replace(zone=zone, room=replace(trace.room, to_do=do)) for zone, do in rooms.items()])
     told = [section.title.partition(":")[0] for section in made.sections if "how is this room" in section.title]
     assert told == ["urgent", "calm"]
-
-
-def test_a_heat_loss_that_no_look_knew_has_an_empty_plot(replayed):
-    (trace,) = replayed[1]
-    unknown = trace._replace(heat_loss=np.full_like(trace.heat_loss, np.nan))
-    assert "nan" not in plots.parameters(unknown).chart.html("")
 
 
 def test_the_table_has_the_figures_of_the_summary(replayed, tmp_path, capsys):
