@@ -315,9 +315,7 @@ class LiveForecasts:
                 live = self._learned_of_none(live, horizon, issue, value)
         return live
 
-    def _learned_of_plan(
-        self, live: Live, thermostat: Thermostat, horizon: int, issue: Issue, value: float
-    ) -> Live:
+    def _learned_of_plan(self, live: Live, thermostat: Thermostat, horizon: int, issue: Issue, value: float) -> Live:
         """What the members make of the set-points that followed, under the other inputs that were foreseen; what had
         been told of it had the weights, the scales and the errors of the issue."""
         laws, memory = thermostat.laws, thermostat.memory
