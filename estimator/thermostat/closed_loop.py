@@ -41,6 +41,11 @@ class Paths(NamedTuple):
     weather: Indices
     """(K,): as `estimator.foresight.Astray` has it; -1 where it is what is foreseen."""
 
+    def on(self, after: Indices, laws: Laws, steps: int) -> Array:
+        """(L, K, n_laws): share of the `steps` before each of `after` (L,) in which a law gave most of its power."""
+        most = np.abs(self.heat) > 0.5 * laws.numbers[:, 0]
+        return np.array([most[:, max(end - steps, 0) : end].mean(axis=1) for end in after.tolist()])
+
     def mixtures(self, after: Indices) -> Mixtures:
         """The measured outputs `after` (L,) steps."""
         means = self.temperatures[:, after].transpose(1, 2, 0)

@@ -1,8 +1,9 @@
 """Rooms that their thermostat holds: how far they stray from what a simulation of the law says.
 
-A proportional law holds a room while it gives some of its power, an on-off law near its hysteresis. The errors of the
-last verified forecasts that had the room held stand for those to come: they are added, one to each future, which keeps
-it over time. What futures differ by already is taken off the errors, so that both together spread as the errors do.
+A proportional law holds a room while it gives some of its power, an on-off law while it switches: how far a room swings
+beyond the hysteresis depends on how fast it warms. The errors of the last verified forecasts that had the room held
+stand for those to come: they are added, one to each future, which keeps it over time. What futures differ by already is
+taken off the errors, so that both together spread as the errors do.
 """
 
 from collections.abc import Sequence
@@ -25,8 +26,8 @@ _KEPT = 120
 _FIRST = 0.3
 """K: standard deviation of the errors before any was seen."""
 
-_MARGINS = (0.05, 0.5)
-"""K beyond its band up to which a law, proportional or on-off, holds a room: a relay's room swings beyond."""
+_MARGIN = 0.05
+"""K beyond its band up to which a proportional law holds a room."""
 
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
@@ -43,14 +44,17 @@ def with_error(errors: Array, lead: int, error: float) -> Array:
     return after
 
 
-def states(temperatures: Array, laws: Laws, setpoints: Array) -> Indices:
+def states(temperatures: Array, laws: Laws, setpoints: Array, on: Array) -> Indices:
     """(L, K): HELD, IDLE or FORCED at each of L times in each of K futures of the room's `temperatures` (L, K), under
-    `setpoints` (L,) [degC]; IDLE where nobody sets one."""
+    `setpoints` (L,) [degC], each law having been `on` for a share (L, K, n_laws) of the hour before; IDLE where nobody
+    sets one."""
     found = np.full(temperatures.shape, IDLE, dtype=np.int64)
-    for numbers, side, switching in zip(laws.numbers, laws.side, laws.switching.astype(int).tolist(), strict=True):
+    for place, (numbers, side) in enumerate(zip(laws.numbers, laws.side, strict=True)):
         x = side * (setpoints[:, None] - temperatures)
-        called, idle = clear(numbers, x, _MARGINS[switching])
-        found[called] = FORCED
+        called, idle = clear(numbers, x, _MARGIN)
+        if laws.switching[place]:
+            called, idle = on[:, :, place] == 1.0, on[:, :, place] == 0.0
+        found[called & ~np.isnan(x)] = FORCED
         found[~called & ~idle & ~np.isnan(x)] = HELD
     return found
 

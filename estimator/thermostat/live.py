@@ -233,6 +233,8 @@ class LiveForecasts:
         prior = np.array(_PRIOR if to_come.schedule is None else _SCHEDULED)
         self._prior = np.tile(prior[:, None], len(self.leads))
         self._hours = max(1, round(EVERY / estimator.period)) * estimator.period / HOUR
+        self._hour = max(1, round(HOUR / estimator.period))
+        """Steps."""
 
     def begin(self) -> Live:
         """Nothing was proved."""
@@ -320,10 +322,10 @@ class LiveForecasts:
         been told of it had the weights, the scales and the errors of the issue."""
         laws, memory = thermostat.laws, thermostat.memory
         steps, shares = self.leads[horizon] - 1, issue.shares[horizon]
-        setpoints, hourly = live.setpoints[len(live.setpoints) - steps :], round(HOUR / self._estimator.period)
+        setpoints = live.setpoints[len(live.setpoints) - steps :]
         if not len(laws.column) or not self._members or np.isnan(setpoints).any() or len(setpoints) < steps:
             return live
-        rows = np.repeat(issue.foreseen, max(1, hourly), axis=0)[:steps]
+        rows = np.repeat(issue.foreseen, self._hour, axis=0)[:steps]
         network, period, origin = self._estimator.network, self._estimator.period, int(issue.step)
         to_come = weather(network, issue.strays, period, steps, round(origin * period))
         # Who does not count yet is judged as well: otherwise it could never prove anything.
@@ -335,7 +337,8 @@ class LiveForecasts:
             parts.append(Mixture(believed / believed.sum(), end.means[:1], end.sds[:1]))
             own.append(shares[place] * believed.sum())
             energies.append(np.abs(paths.heat).sum(axis=(1, 2)))
-            of.append(held.states(paths.temperatures[:, -1:, 0].T, laws, setpoints[-1:])[0])
+            on = paths.on(last, laws, self._hour)
+            of.append(held.states(paths.temperatures[:, -1:, 0].T, laws, setpoints[-1:], on)[0])
         now = self._weights(live.members, issue.trusted.T)[:, horizon]
         everyone = range(len(parts))
         stands = float(issue.stands)
@@ -540,7 +543,8 @@ class LiveForecasts:
         own = own / own.sum(axis=0)
         mixtures = [each.mixtures(after)._replace(weights=some) for each, some in zip(paths, believed, strict=True)]
         outputs = mixed_futures(mixtures, own, np.ones(len(leads)))
-        states = held.states(outputs.means[:, 0], laws, setpoints[after - 1])
+        on = np.concatenate([each.on(after, laws, self._hour) for each in paths], axis=1)
+        states = held.states(outputs.means[:, 0], laws, setpoints[after - 1], on)
         scales = np.stack([self._scales(live, width, leads) for width in (PLANNED, _FORCED)])
         errors = held.spread_out(live.errors, self.leads, leads, [len(each.weights) for each in paths])
         return held.strayed(outputs, states, scales, errors), partial(_heat, paths, own, after)
