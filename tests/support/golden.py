@@ -34,16 +34,19 @@ def compare(name: str, text: str) -> None:
     for pattern, replacement in _MASKED:
         text = pattern.sub(replacement, text)
     path = FOLDER / name
+    expected = path.read_text(encoding="utf-8") if path.exists() else ""
+    shapes = [_NUMBER.sub("#", one) for one in (expected, text)]
+    pairs = zip(_NUMBER.findall(expected), _NUMBER.findall(text), strict=shapes[0] == shapes[1])
+    apart = [pair for pair in pairs if not alike(*pair)]
     if _MODE == "write":
-        path.write_text(text, encoding="utf-8")
+        # What is alike keeps its digits, which are those of another processor.
+        if apart or shapes[0] != shapes[1]:
+            path.write_text(text, encoding="utf-8")
         return
-    expected = path.read_text(encoding="utf-8")
     if _MODE == "exact":
         assert text == expected
-    elif text != expected:
-        assert _NUMBER.sub("#", text) == _NUMBER.sub("#", expected)
-        pairs = zip(_NUMBER.findall(expected), _NUMBER.findall(text), strict=True)
-        assert [pair for pair in pairs if not alike(*pair)] == [], f"numbers in {path}: before, now"
+    assert shapes[1] == shapes[0]
+    assert apart == [], f"numbers in {path}: before, now"
 
 
 def alike(before: str, now: str) -> bool:

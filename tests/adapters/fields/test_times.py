@@ -2,14 +2,7 @@ from datetime import UTC, datetime, timedelta, timezone
 
 import pytest
 
-from adapters.fields.times import (
-    ZoneMissing,
-    parse_time,
-    utc,
-    written_day,
-    written_time,
-    written_to_the_millisecond,
-)
+from adapters.fields.times import ZoneMissing, parse_time, utc, written_day, written_time, written_to_the_millisecond
 
 NOON = datetime(2025, 5, 3, 12, tzinfo=UTC)
 

@@ -12,13 +12,7 @@ from support.tables import tabled
 
 from adapters.reading import Quality
 from estimator.diagnosis.finding import AT_BOUND, METER_DEAD, Diagnosis, Finding
-from service.publish.payloads import (
-    ForecastPayload,
-    GatePayload,
-    StatusPayload,
-    quality,
-    vouched,
-)
+from service.publish.payloads import ForecastPayload, GatePayload, StatusPayload, quality, vouched
 from service.records.record import document
 from service.records.update import Gate, Volatility
 
