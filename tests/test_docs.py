@@ -174,6 +174,13 @@ OPTIONS = [
 ]
 
 
+def test_the_options_of_every_estimator_are_documented() -> None:
+    headings = [heading for heading, *_ in OPTIONS[1:]] + ["Options of `mkf`"]
+    assert {name for heading in headings for name in names(heading)} == {*registry.ESTIMATORS} - {"rbpf"}
+    written = site.ZoneTable.model_fields["estimator"].description or ""
+    assert {name.strip('"') for name in names(written)} == {*registry.ESTIMATORS}
+
+
 @pytest.mark.parametrize(("heading", "kind", "shown"), OPTIONS, ids=lambda value: str(value)[:30])
 def test_every_option_is_documented_with_its_values(heading: str, kind: Any, shown: list[Any]) -> None:
     text = section("configuration.md", heading)
@@ -382,8 +389,10 @@ def offered(command: str, capsys: pytest.CaptureFixture[str]) -> set[str]:
 
 def test_every_command_takes_the_options_of_all(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
+    pages = "".join(page.read_text(encoding="utf-8") for page in PAGES)
     for command in re.findall(r"^    ([a-z-]+)(?: |$)", capsys.readouterr().out, re.MULTILINE):
         assert {"--set", "--debug", "--help"} <= offered(command, capsys), command
+        assert f"thermogate {command}" in pages
 
 
 @pytest.mark.parametrize("block", blocks("sh"))

@@ -55,10 +55,7 @@ def main() -> int:
 def on_device(folder: Path, attack: Callable[[Target], str]) -> Iterator[tuple[Victim, Callable[[Target], str]]]:
     """A daemon that reads a Modbus device, and an attack of `web`."""
     web.BEFORE.get(attack, lambda folder: None)(folder)
-    with (
-        running(plant(holding=WORDS)) as site,
-        served(configuration(folder, {"one": site.port}), folder) as daemon,
-    ):
+    with running(plant(holding=WORDS)) as site, served(configuration(folder, {"one": site.port}), folder) as daemon:
         daemon.wait(lambda zones: zones["zone-one"]["samples"] >= 5)
         # The kernels of a forecast over many steps are compiled.
         daemon.get("/zones/zone-one/forecast?horizon=10s")

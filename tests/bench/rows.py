@@ -36,10 +36,7 @@ class Sizes(NamedTuple):
     """Zones, particles, s between two instants, and instants."""
 
 
-SIZES = {
-    "full": Sizes(),
-    "tiny": Sizes(200, 5, 10, (100, 200, 400), (1, 2, 4), 3, 144, (1, 2, 4), (20, 60, 0.5, 3)),
-}
+SIZES = {"full": Sizes(), "tiny": Sizes(200, 5, 10, (100, 200, 400), (1, 2, 4), 3, 144, (1, 2, 4), (20, 60, 0.5, 3))}
 """Tiny: for the test that the measurements run; its figures mean nothing."""
 
 

@@ -107,10 +107,7 @@ def asked(address: str, path: str, **query: str) -> Any:
 def test_prometheus_scrapes_a_daemon_without_keys_and_draws_the_dashboard(tmp_path: Path) -> None:
     """The shipped files as they are, but for the port of the daemon and the time between two scrapes."""
     shutil.copy(PROMETHEUS / "alerts.yml", tmp_path)
-    settings: dict[str, object] = {
-        "site.state_dir": str(tmp_path / "state"),
-        "zones.room-1.estimator": "mkf",
-    }
+    settings: dict[str, object] = {"site.state_dir": str(tmp_path / "state"), "zones.room-1.estimator": "mkf"}
     with Daemon(EXAMPLES / "generic-csv.toml", tmp_path / "daemon.log", settings) as daemon:
         daemon.wait_until_ended()
         shipped = (PROMETHEUS / "prometheus.yml").read_text(encoding="utf-8")

@@ -28,10 +28,7 @@ def document() -> OpenApiSchema:
     text = (EXAMPLES / "generic-csv.toml").read_text(encoding="utf-8")
     config = own / "generic-csv.toml"
     config.write_text(text.replace('files = ["data/', f'files = ["{EXAMPLES}/data/'), encoding="utf-8")
-    settings: dict[str, object] = {
-        "site.state_dir": str(own / "state"),
-        "zones.room-1.estimator_options.particles": 50,
-    }
+    settings: dict[str, object] = {"site.state_dir": str(own / "state"), "zones.room-1.estimator_options.particles": 50}
     daemon = Daemon(config, own / "log", settings)
     atexit.register(daemon.kill)
     daemon.wait_until_ended()

@@ -25,11 +25,7 @@ WORDS = st.one_of(st.sampled_from(["good", "good,bad", "uncertain", "", ","]), s
 
 
 @structured(
-    examples=60,
-    outputs=BLOBS,
-    inputs=BLOBS,
-    quality=WORDS,
-    history=st.lists(NUMBERS, min_size=19, max_size=19),
+    examples=60, outputs=BLOBS, inputs=BLOBS, quality=WORDS, history=st.lists(NUMBERS, min_size=19, max_size=19)
 )
 def test_journal_rows(outputs: bytes, inputs: bytes, quality: str, history: list[float | None]) -> None:
     """Rows that something else wrote are read as samples and history, or refused in a sentence."""

@@ -33,7 +33,7 @@ def test_figures_are_made_of_what_was_seen() -> None:
     arrived = {0.0: {"a": 9.0, "b": 9.1}, 600.0: {"a": 11.0, "b": 11.5}, 1200.0: {"b": 13.0}, 1800.0: {"a": 15.0}}
     assert instants(arrived, 2, 2) == [Instant(11.0, 11.5, 0), Instant(13.0, 13.0, 1)]
     answers = [
-        *(Answer("forecast", 9.9, 10.1, 200), Answer("zone", 12.0, 12.5, 503), Answer("metrics", 10.2, 10.9, 200)),
+        *(Answer("forecast", 9.9, 10.1, 200), Answer("zone", 12.0, 12.5, 503), Answer("metrics", 10.2, 10.9, 200))
     ]
     found = latency(during(answers, [Instant(10.0, 11.0, 0)]))
     assert found == pytest.approx({"requests": 1, "not_ok": 0, "p99_s": 0.2})

@@ -229,11 +229,7 @@ def test_the_walkthrough(home: tuple[HomeAssistant, int, Path], tmp_path: Path) 
         house.until(lambda: _as_published(house, listening))
         status, zone = daemon.get("/zones/living")
         assert status == 200
-        assert {one["channel"] for one in zone["status"]["channels"] if one["last_good"]} == {
-            "T_i",
-            "T_out",
-            "u_heat",
-        }
+        assert {one["channel"] for one in zone["status"]["channels"] if one["last_good"]} == {"T_i", "T_out", "u_heat"}
         assert zone["status"]["faults"].keys() <= {"out_of_order"}
         # The thermostat heats, since its room is colder than it should be.
         inputs = {one["channel"]: one["value"] for one in daemon.get("/zones/living/forecast")[1]["inputs"]}

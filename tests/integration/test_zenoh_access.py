@@ -107,10 +107,7 @@ def test_a_daemon_that_others_connect_to(tmp_path: Path) -> None:
 
     with Daemon(path, tmp_path / "log", {"zenoh.enabled": True}) as daemon:
         daemon.url()
-        with (
-            party("gateway", account("bms-gateway", "one")) as verdict,
-            session("client", connect=forecasts) as reader,
-        ):
+        with party("gateway", account("bms-gateway", "one")) as verdict, session("client", connect=forecasts) as reader:
             assert verdict == "opened"
             with forgers(account("visitor", "two"), {"mode": "client", "connect/endpoints": [forecasts]}):
                 had = daemon.status("room")["samples"]

@@ -215,11 +215,7 @@ class FakeZone:
         constants = np.array([95.0, 864.0, 9612.0, 716400.0])
         collapsed = np.zeros(len(nominal) + len(constants) + 1, dtype=bool)
         return ParameterSummary(
-            np.array(levels),
-            nominal[:, None] * scale,
-            constants[:, None] * scale,
-            105.0 * scale,
-            collapsed=collapsed,
+            np.array(levels), nominal[:, None] * scale, constants[:, None] * scale, 105.0 * scale, collapsed=collapsed
         )
 
     def skill(self) -> Skill | None:

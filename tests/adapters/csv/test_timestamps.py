@@ -47,8 +47,7 @@ PATTERNS = dict.fromkeys(("iso", "%H:%M:%S", "%d.%m.", "%Q", "%", "", "%Y-%m-%d 
 
 
 @pytest.mark.parametrize(
-    ("pattern", "said"),
-    [*PATTERNS.items(), ("%d.%m.%Y %I:%M", r"afternoons as mornings; use %H .* or add %p")],
+    ("pattern", "said"), [*PATTERNS.items(), ("%d.%m.%Y %I:%M", r"afternoons as mornings; use %H .* or add %p")]
 )
 def test_a_pattern_without_a_full_date_or_the_half_of_the_day_is_refused(pattern, said):
     with pytest.raises(SourceConfigError, match=said):

@@ -16,6 +16,7 @@ from adapters.kinds import SOURCE_KINDS
 from service.cli.main import main
 from service.config.http import HttpConfig
 from service.config.site import Config
+from service.publish.kinds import SINK_KINDS
 
 SECRET = re.compile(r"password|passphrase|secret|token|credential|private|api_?key|users?_file|keys_file")
 PLACE = re.compile(r".*_(file|env)")
@@ -23,8 +24,8 @@ MARK = "hush-hush-MARKER"
 
 
 def test_secrets_are_named_by_their_place() -> None:
-    kinds = SOURCE_KINDS.values()
-    found, configured = set(), models(Config, *kinds, *(kind.channel for kind in kinds))
+    kinds, sinks = SOURCE_KINDS.values(), (kind.table for kind in SINK_KINDS.values())
+    found, configured = set(), models(Config, *kinds, *(kind.channel for kind in kinds), *sinks)
     for model in configured:
         for name, field in model.model_fields.items():
             if SECRET.search(name):

@@ -194,10 +194,7 @@ CHUNKED = b"POST /size HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked
 HOST = b" HTTP/1.1\r\nHost: localhost\r\n"
 REFUSED = {
     "body by its length": (b"POST /zones" + HOST + b"Content-Length: 999999\r\n\r\n", 413),
-    "body in chunks": (
-        CHUNKED.replace(b"/size", b"/zones/a/forecast") + 2 * (b"400\r\n" + b"x" * 1024 + b"\r\n"),
-        413,
-    ),
+    "body in chunks": (CHUNKED.replace(b"/size", b"/zones/a/forecast") + 2 * (b"400\r\n" + b"x" * 1024 + b"\r\n"), 413),
     "a chunk that is too large": (CHUNKED + b"ffffffffffffffffffff1\r\n", 400),
     "a chunk of less than nothing": (CHUNKED + b"-1\r\n", 400),
     "a long line before a chunk": (CHUNKED + b"1" * 2000, 431),

@@ -116,8 +116,7 @@ def test_no_text_is_left_over() -> None:
 
 
 @pytest.mark.parametrize(
-    "path",
-    ["service/web/static/ranking.js", "deploy/home-assistant/custom_components/thermogate/coordinator.py"],
+    "path", ["service/web/static/ranking.js", "deploy/home-assistant/custom_components/thermogate/coordinator.py"]
 )
 def test_what_is_for_experts_is_so_on_the_page_and_in_home_assistant(path):
     listed = re.search(r"FOR_EXPERTS = [^\[{]*[\[{](.*?)[\]}]", (ROOT / path).read_text(encoding="utf-8"), re.DOTALL)
