@@ -196,7 +196,13 @@ def _statistics(connection: sqlite3.Connection, channel: Any) -> Stretches:
 
 
 def _number(attribute: str | None, state: str | None, attributes: str | None) -> float:
-    return as_number(state if attribute is None else json.loads(attributes or "{}").get(attribute))
+    if attribute is None:
+        return as_number(state)
+    try:
+        known = json.loads(attributes or "{}")
+    except (ValueError, RecursionError):
+        return nan
+    return as_number(known.get(attribute)) if isinstance(known, dict) else nan
 
 
 def as_number(told: object) -> float:

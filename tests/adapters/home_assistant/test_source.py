@@ -60,7 +60,9 @@ def test_attributes_and_words(tmp_path):
     rows = [
         (0, "climate.room", ("heat", '{"current_temperature": 19.5, "hvac_action": "heating"}')),
         (60, "climate.room", ("heat", '{"current_temperature": 20.0, "hvac_action": "idle"}')),
-        (90, "a.b", "1"),
+        (120, "climate.room", ("heat", '{"current_temp')),
+        (180, "climate.room", ("heat", "[]")),
+        (240, "a.b", "1"),
     ]
     path = database(tmp_path / "db", rows)
     assert readings(path, ("climate.room", "current_temperature")) == [(0, 19.5), (60, 20.0)]
