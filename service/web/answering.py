@@ -56,6 +56,8 @@ def route(
             return await run_in_threadpool(lambda: written(function(site=site, **given)))
 
         of_a_zone, answered.__doc__ = "view" in signature(function).parameters, None
+        # Otherwise its answer would leave out what zone it is of.
+        assert of_a_zone == ("{zone}" in path), f"{path}: its zone is {{zone}} in the path and the argument `view`"
         if kinds:
             described["response_model"] = reduce(or_, (document_of(kind, of_a_zone) for kind in kinds))
         told = documented(*sorted({*refused, *also})) | (responses or {})
