@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+import time
 from pathlib import Path
 
 from replay.commands.options import check_period, take_period, take_report
@@ -52,6 +53,14 @@ def _learn(arguments: argparse.Namespace) -> int:
         print("\n  ".join([history.described, *history.doubts]))
     if not any(history.recorded.samples for history in histories.values()):
         raise ServiceError("there is nothing to learn from; look at timestamp, decimal and unit of the sources")
+    for name, history in histories.items():
+        samples = history.recorded.samples
+        if samples and samples[-1].time > time.time():
+            # A live zone would refuse every reading until then.
+            raise ServiceError(
+                f"the history of zone '{name}' goes on until {written_time(samples[-1].time)}, which is still to come; "
+                "look at format and zone of timestamp, and at the clock of this machine"
+            )
     if any(history.doubts for history in histories.values()):
         print("what is learned from a mistake stays: stop with Ctrl-C, correct it, and learn with --reset ZONE")
     for name, history in histories.items():

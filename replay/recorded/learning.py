@@ -227,9 +227,12 @@ def _begin(zone: ZoneConfig, mark: str, checkpoint: Checkpoint | None, end: int)
 
 def _take(name: str, samples: Iterable[Sample]) -> tuple[list[Update], Checkpoint | None]:
     worker, tracer, zone, mark = _students[name]
-    updates = [update for sample in samples if (update := worker.step(sample)) is not None]
-    for update in updates:
-        tracer.note(update)
+    updates = []
+    for sample in samples:
+        if (update := worker.step(sample)) is not None:
+            # Now: it reads what the worker carries.
+            tracer.note(update)
+            updates.append(update)
     return updates, snapshot.take(worker, mark, zone.estimator)
 
 

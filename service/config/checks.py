@@ -219,6 +219,9 @@ def _check_mixture(draft: ZoneDraft, kinds: Mapping[str, str | None], problems: 
 
 def _check_known_values(place: Place, name: str, channel: ChannelConfig, unit: str, problems: Problems) -> None:
     """A schedule has what may be planned of a set-point, and else what would be believed if it were measured."""
+    if channel.known_values and name != SETPOINT:
+        sentence = f"has the values of {channel.address}, which are planned, not measured; name what measures it"
+        problems.warn(place, sentence)
     lower, upper = channel.valid or (SET_POINT_RANGE if name == SETPOINT else default_valid_range(unit))
     edge = channel.edge(unit)
     wrong = [raw for raw in channel.known_values if not lower <= edge.value(raw) <= upper]

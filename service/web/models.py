@@ -38,7 +38,7 @@ def _instant(value: object) -> datetime:
         return parse_time(text)
     except ZoneMissing:
         raise ValueError(
-            f"'{text}' has no time zone; end it with Z for UTC or with an offset such as %2B02:00"
+            f"'{text}' has no time zone; end it with Z for UTC or with an offset such as +02:00 (in a query %2B02:00)"
         ) from None
     except ValueError:
         # A plus sign in a query string means a space.

@@ -28,6 +28,14 @@ def test_a_value_holds_from_its_time_of_day_until_the_next(time, value):
     assert week().at(datetime.fromisoformat(time).timestamp()) == value
 
 
+def test_a_schedule_is_no_measurement(tmp_path):
+    zone = sites.recorded("room")
+    zone["channels"]["T_out"] = {"source": "hours", "unit": "degC"}
+    log = sites.recording(tmp_path / "log.csv", ["room"], 3, 600, (50, 5))
+    (warning,) = load(sites.written(tmp_path, {"log": log, "hours": TABLE}, [zone])).warnings
+    assert "T_out: has the values of the schedule hours, which are planned, not measured" in warning
+
+
 def test_a_recorded_zone_takes_its_set_points_from_it(tmp_path):
     every = {"on": ["mon", "tue", "wed", "thu", "fri", "sat", "sun"], "at": {"06:05": 70.0, "22:00": 62.0}}
     hours = {"kind": "schedule", "time_zone": "Europe/Berlin", "days": [every]}

@@ -100,6 +100,8 @@ def test_the_zone_of_a_live_configuration_stands_where_the_recording_ends(whole)
     assert checkpoint.step == samples[-1].time == rows[-1].time
     worker = make_worker(zone)
     updates = [update for sample in samples if (update := worker.step(sample)) is not None]
+    inputs = result.traces[0].inputs[:, zone.network.inputs.index("u_heat")]
+    assert inputs[-len(samples) + 1 :].tolist() == [sample.inputs[1] for sample in samples[1:]]
     assert [row.mean for row in rows[1:]] == [update.score.mean[0] for update in updates[1:]]
     assert_same(checkpoint, snapshot.take(worker, fingerprint(zone), "ekf"))
 
@@ -220,6 +222,13 @@ def test_a_schedule_of_set_points_holds_for_the_past_too(tmp_path):
     assert not config.warnings
     learn(config, surveyed(config), jobs=1)
     assert [sample.setpoint for sample in state_of(tmp_path)[1]] == 2 * (24 * [17.0] + 64 * [21.0] + 8 * [17.0])
+
+
+def test_a_history_of_what_is_still_to_come_is_refused(tmp_path, capsys):
+    (tmp_path / "late.csv").write_text(RECORDING.read_text(encoding="utf-8").replace(".2025 ", ".2085 "))
+    plant, history = written(tmp_path, history=HISTORY.replace(str(RECORDING), "late.csv"))
+    assert main(["learn", str(plant), "--from", str(history)]) == 1
+    assert "goes on until 2085-02-04T22:45:00Z, which is still to come" in capsys.readouterr().err
 
 
 @tabled
