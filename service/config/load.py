@@ -350,6 +350,9 @@ def _read_channel(
     """The channel in `table`, with what it takes over from its source, read by the kind of that source."""
     name = table.get("source") if isinstance(table, dict) else None
     kind, source = sources.get(name, (None, None)) if isinstance(name, str) else (None, None)
+    if kind is None and name is not None and place[-1] == SETPOINT:
+        # What is wrong is the source; a schedule would say the unit.
+        table = {"unit": "degC"} | table
     channel = problems.read(UnboundChannel if kind is None else SOURCE_KINDS[kind].channel, table, place, context)
     if channel is None or source is None:
         return channel
