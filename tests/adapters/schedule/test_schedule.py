@@ -1,5 +1,6 @@
 """A weekly schedule: what it has when, how it is written, and that forecasts know it."""
 
+import asyncio
 from datetime import datetime
 
 import numpy as np
@@ -45,6 +46,8 @@ def test_a_recorded_zone_takes_its_set_points_from_it(tmp_path):
     (zone,) = config.zones
     assert not config.goes_live(zone)
     night, day = 50 / 3, 190 / 9
+    (probe,) = asyncio.run(config.build_source("hours").probe(1.0))
+    assert probe.value in (pytest.approx(night), pytest.approx(day))
     begin = datetime.fromisoformat("2025-05-03T06:00+02:00").timestamp()
     assert zone.setpoint.foreknown("degC")(begin + np.array([240.0, 300.0])) == pytest.approx([night, day])
     found = {sample.time: sample for sample in read_samples(config, [zone])["room"].samples}
