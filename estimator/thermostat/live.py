@@ -233,8 +233,7 @@ class LiveForecasts:
         prior = np.array(_PRIOR if to_come.schedule is None else _SCHEDULED)
         self._prior = np.tile(prior[:, None], len(self.leads))
         self._hours = max(1, round(EVERY / estimator.period)) * estimator.period / HOUR
-        self._hour = max(1, round(HOUR / estimator.period))
-        """Steps."""
+        self._steps_an_hour = max(1, round(HOUR / estimator.period))
 
     def begin(self) -> Live:
         """Nothing was proved."""
@@ -325,7 +324,7 @@ class LiveForecasts:
         setpoints = live.setpoints[len(live.setpoints) - steps :]
         if not len(laws.column) or not self._members or np.isnan(setpoints).any() or len(setpoints) < steps:
             return live
-        rows = np.repeat(issue.foreseen, self._hour, axis=0)[:steps]
+        rows = np.repeat(issue.foreseen, self._steps_an_hour, axis=0)[:steps]
         network, period, origin = self._estimator.network, self._estimator.period, int(issue.step)
         to_come = weather(network, issue.strays, period, steps, round(origin * period))
         # Who does not count yet is judged as well: otherwise it could never prove anything.
@@ -337,7 +336,7 @@ class LiveForecasts:
             parts.append(Mixture(believed / believed.sum(), end.means[:1], end.sds[:1]))
             own.append(shares[place] * believed.sum())
             energies.append(np.abs(paths.heat).sum(axis=(1, 2)))
-            on = paths.on(last, laws, self._hour)
+            on = paths.on(last, laws, self._steps_an_hour)
             of.append(held.states(paths.temperatures[:, -1:, 0].T, laws, setpoints[-1:], on)[0])
         now = self._weights(live.members, issue.trusted.T)[:, horizon]
         everyone = range(len(parts))
@@ -486,7 +485,7 @@ class LiveForecasts:
             step=np.array(step, dtype=np.int64),
             drawn=tuple(_arrays(one) for one in drawn if one is not None),
             before=now.before,
-            foreseen=_hourly(ahead.rows, self._estimator.period),
+            foreseen=_hourly(ahead.rows, self._steps_an_hour),
             strays=ahead.strays,
             trusted=self._trusted(state).T,
             shares=self._shares(live, state).T,
@@ -543,7 +542,7 @@ class LiveForecasts:
         own = own / own.sum(axis=0)
         mixtures = [each.mixtures(after)._replace(weights=some) for each, some in zip(paths, believed, strict=True)]
         outputs = mixed_futures(mixtures, own, np.ones(len(leads)))
-        on = np.concatenate([each.on(after, laws, self._hour) for each in paths], axis=1)
+        on = np.concatenate([each.on(after, laws, self._steps_an_hour) for each in paths], axis=1)
         states = held.states(outputs.means[:, 0], laws, setpoints[after - 1], on)
         scales = np.stack([self._scales(live, width, leads) for width in (PLANNED, _FORCED)])
         errors = held.spread_out(live.errors, self.leads, leads, [len(each.weights) for each in paths])
@@ -682,9 +681,9 @@ def _joined(each: Sequence[Heat], shares: Array) -> Heat:
     )
 
 
-def _hourly(rows: Array, period: float) -> Array:
-    """(hours, n_d): means of `rows` (h, n_d) that are `period` s apart."""
-    begins = np.arange(0, len(rows), max(1, round(HOUR / period)))
+def _hourly(rows: Array, steps: int) -> Array:
+    """(hours, n_d): means of `rows` (h, n_d), of which `steps` make an hour."""
+    begins = np.arange(0, len(rows), steps)
     counts = np.diff(np.append(begins, len(rows)))
     return np.asarray(np.add.reduceat(rows, begins, axis=0) / counts[:, None])
 

@@ -230,7 +230,7 @@ def _take(name: str, samples: Iterable[Sample]) -> tuple[list[Update], Checkpoin
     updates = []
     for sample in samples:
         if (update := worker.step(sample)) is not None:
-            # Now: it reads what the worker carries.
+            # Before the next step: it reads what the worker carries.
             tracer.note(update)
             updates.append(update)
     return updates, snapshot.take(worker, mark, zone.estimator)
