@@ -67,9 +67,8 @@ def test_a_counter_that_is_no_number_leaves_the_last_stand():
 )
 def test_a_value_that_does_not_move_is_doubted_and_then_refused(stuck_after, expected, monkeypatch):
     converter = LiveConverter("z/T", Edge(), math.inf, stuck_after)
-    seen = [(0, 5), (99, 5), (100, 5), (199, 5), (200, 5), (201, 6), (300, 6), (301, 6)]
     found = []
-    for time, raw in seen:
+    for time, raw in [(0, 5), (99, 5), (100, 5), (199, 5), (200, 5), (201, 6), (300, 6), (301, 6)]:
         monkeypatch.setattr("adapters.edge.monotonic", lambda time=time: time)
         found.append(converter.reading(time, raw).quality)
     assert found == expected

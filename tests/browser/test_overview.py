@@ -69,13 +69,19 @@ def thousand() -> Iterator[Building]:
         yield served
 
 
+def rooms_of(visit: Any, house: Building, **options: Any) -> Any:
+    """The page of the rooms, once they show."""
+    page = visit(house.url, **options).page
+    page.wait_for_selector(ROWS)
+    return page
+
+
 def names(page: Any) -> list[str]:
     return [str(name) for name in page.eval_on_selector_all(ROWS, "rows => rows.map(row => row.dataset.zone)")]
 
 
 def test_the_worst_rooms_come_first_with_their_finding_in_words(visit: Any, thirty: Building) -> None:
-    page = visit(thirty.url).page
-    page.wait_for_selector(ROWS)
+    page = rooms_of(visit, thirty)
     assert names(page)[:4] == ["room-stalled", "room-waiting", "room-doubted", "room-0"]
     doubt = page.locator('[data-zone="room-doubted"]')
     assert doubt.locator(".cell-finding").inner_text() == "the thermostat calls and nothing comes"
@@ -96,8 +102,7 @@ def test_a_room_that_is_colder_than_its_set_point_comes_before_the_others(serve:
     # The set-point of the last one has just risen: it has yet to warm up.
     *earlier, last = zones["room-2"].updates
     zones["room-2"].updates = [one._replace(setpoint=math.nan) for one in earlier] + [last]
-    page = visit(serve(zones).url).page
-    page.wait_for_selector(ROWS)
+    page = rooms_of(visit, serve(zones))
     eventually(page, "document.querySelectorAll('tr[data-zone]')[3].dataset.zone === 'room-2'")
     assert names(page)[:4] == ["room-stalled", "room-waiting", "room-doubted", "room-2"]
     assert page.locator('[data-zone="room-2"] .cell-finding').inner_text() == "1.5 K colder than its set-point"
@@ -148,8 +153,7 @@ def test_what_only_experts_mend_calls_for_nobody_and_a_forecast_that_is_outdone_
     outdone.trusted = Trust(0, trusted, beaten=better, good_up_to=900)
     further = comfortable(running("further"))
     further.trusted = Trust(0, trusted, beaten="24 h ahead, no change is the better forecast", good_up_to=6 * 3600)
-    page = visit(serve({zone.id: zone for zone in (expert, outdone, further)}).url).page
-    page.wait_for_selector(ROWS)
+    page = rooms_of(visit, serve({zone.id: zone for zone in (expert, outdone, further)}))
     assert page.locator('[data-zone="expert"] .cell-finding').inner_text() == "nothing unusual"
     assert page.locator('[data-zone="outdone"] .cell-finding').inner_text() == "in part, a simpler forecast is better"
     trust = page.locator('[data-zone="outdone"] .cell-trust')
@@ -161,8 +165,7 @@ def test_what_only_experts_mend_calls_for_nobody_and_a_forecast_that_is_outdone_
 
 
 def test_sort_filter_and_search(visit: Any, thirty: Building) -> None:
-    page = visit(thirty.url).page
-    page.wait_for_selector(ROWS)
+    page = rooms_of(visit, thirty)
     page.locator("th.cell-room button").click()
     eventually(page, "document.querySelector('tr[data-zone]').dataset.zone === 'room-0'")
     # As people count: 2 before 10.
@@ -181,8 +184,7 @@ def test_sort_filter_and_search(visit: Any, thirty: Building) -> None:
 
 @pytest.mark.parametrize("screen", ["desktop", "phone"])
 def test_axe_finds_nothing(visit: Any, thirty: Building, screen: str) -> None:
-    page = visit(thirty.url, screen=screen).page
-    page.wait_for_selector(ROWS)
+    page = rooms_of(visit, thirty, screen=screen)
     hold_accessible(page)
 
 
@@ -211,8 +213,7 @@ def test_only_the_rows_in_view_are_drawn_but_all_are_printed(visit: Any, thousan
 
 def test_news_comes_by_the_stream_and_moves_the_room_up(serve: Any, visit: Any) -> None:
     served = serve(many(30))
-    page = visit(served.url).page
-    page.wait_for_selector(ROWS)
+    page = rooms_of(visit, served)
     served.step("room-7", state="failed", reason="the estimator diverged")
     eventually(page, "document.querySelector('tr[data-zone]').dataset.zone === 'room-7'")
     assert page.locator('[data-zone="room-7"] .cell-finding').inner_text() == "the estimator diverged"
@@ -278,8 +279,7 @@ def test_a_stream_is_resumed_after_sleep_and_not_because_the_page_was_busy(serve
 
 def test_an_hour_of_a_thousand_rooms_leaves_memory_flat(visit: Any, thousand: Building) -> None:
     """Twelve samples of every room: what an hour brings, as fast as it can be sent."""
-    page = visit(thousand.url).page
-    page.wait_for_selector(ROWS)
+    page = rooms_of(visit, thousand)
     session = page.context.new_cdp_session(page)
 
     def minutes(samples: int) -> tuple[float, int]:
@@ -298,9 +298,8 @@ def test_an_hour_of_a_thousand_rooms_leaves_memory_flat(visit: Any, thousand: Bu
 
 
 def test_german_and_english_and_a_choice_that_stays(visit: Any, thirty: Building) -> None:
-    page = visit(thirty.url, locale="de-DE").page
+    page = rooms_of(visit, thirty, locale="de-DE")
     page.wait_for_selector("h1:has-text('Räume')")
-    page.wait_for_selector(ROWS)
     assert page.locator('[data-zone="room-doubted"] .cell-now').inner_text() == "19,5 °C"
     assert page.evaluate("document.documentElement.lang") == "de"
     page.locator("#language").select_option("en")
@@ -310,8 +309,7 @@ def test_german_and_english_and_a_choice_that_stays(visit: Any, thirty: Building
 
 
 def test_the_table_is_worked_by_keyboard(visit: Any, thirty: Building) -> None:
-    page = visit(thirty.url).page
-    page.wait_for_selector(ROWS)
+    page = rooms_of(visit, thirty)
     page.locator('[data-zone="room-stalled"] a').focus()
     for _ in range(25):
         page.keyboard.press("Tab")

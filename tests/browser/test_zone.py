@@ -39,6 +39,11 @@ def house() -> Iterator[Building]:
         yield served
 
 
+@pytest.fixture
+def zone() -> FakeZone:
+    return running("living", 300)
+
+
 def opened(visit: Any, house: Building, zone: str = "living", **options: Any) -> Any:
     watched = visit(house.url, f"/#/zone/{zone}", **options)
     eventually(watched.page, f"{PLOTTED} >= 2")
@@ -79,8 +84,7 @@ def test_without_a_time_zone_of_the_site_a_room_is_warm_by_the_clocks_of_the_bro
     page.wait_for_selector("text=by Sun, May 4, 06:30 with a probability of 93%")
 
 
-def test_when_to_start_heating_is_told_unasked(serve: Any, visit: Any) -> None:
-    zone = running("living", 300)
+def test_when_to_start_heating_is_told_unasked(serve: Any, visit: Any, zone: FakeZone) -> None:
     zone.heating = foreseen(zone)
     house = serve({"living": zone})
     # What a stalled room cannot answer is complained about.
@@ -96,16 +100,14 @@ def test_when_to_start_heating_is_told_unasked(serve: Any, visit: Any) -> None:
     told.wait_for(state="detached")
 
 
-def test_a_start_that_is_too_late_says_what_remains(serve: Any, visit: Any) -> None:
-    zone = running("living", 300)
+def test_a_start_that_is_too_late_says_what_remains(serve: Any, visit: Any, zone: FakeZone) -> None:
     zone.heating = foreseen(zone, start=None, reached=0.65)
     page = opened(visit, serve({"living": zone})).page
     page.wait_for_selector("text=Even if heating starts now")
     page.wait_for_selector("text=only with a probability of 65%")
 
 
-def test_a_room_is_headed_by_its_temperature_and_set_point(serve: Any, visit: Any) -> None:
-    zone = running("living", 300)
+def test_a_room_is_headed_by_its_temperature_and_set_point(serve: Any, visit: Any, zone: FakeZone) -> None:
     last = zone.updates[-1]._replace(y=(20.44,), setpoint=21.5)
     inputs = tuple(replace(one, value=0.2241) for one in last.forecast.inputs)
     zone.updates[-1] = last._replace(forecast=last.forecast._replace(inputs=inputs))
@@ -131,8 +133,7 @@ def test_what_happens_now_is_told_and_so_is_what_has_passed(serve: Any, visit: A
     assert page.locator(".doubt li [lang=en]").inner_text() == "T_out is 1500 s old"
 
 
-def test_trust_is_told_with_its_reason(serve: Any, visit: Any) -> None:
-    zone = running("living", 300)
+def test_trust_is_told_with_its_reason(serve: Any, visit: Any, zone: FakeZone) -> None:
     zone.updates = [update._replace(setpoint=update.y[0]) for update in zone.updates]
     narrow = "the intervals 6 h ahead held 71 % of what came"
     horizons = (HorizonTrust(3600, "trusted", "", START), HorizonTrust(21600, "doubtful", narrow, START))
@@ -161,8 +162,7 @@ def test_trust_is_told_with_its_reason(serve: Any, visit: Any) -> None:
     page.wait_for_selector(".doubt.warned >> text=a simple estimate from the last hours is the better forecast")
 
 
-def test_the_daemon_speaks_german_on_the_german_page(serve: Any, visit: Any) -> None:
-    zone = running("living", 300)
+def test_the_daemon_speaks_german_on_the_german_page(serve: Any, visit: Any, zone: FakeZone) -> None:
     reason = "T_out is 1500 s old, older than hold_inputs = 900 s"
     zone.diagnosis = Diagnosis((Finding("parameter-at-bound", "C_i", "a sentence of a newer daemon"),))
     zone.faults = {"ahead_of_time": 2}
@@ -239,14 +239,12 @@ def test_lines_are_drawn_where_they_are_known_and_named_and_hovering_tells_the_t
         assert ahead % 1440 == 120, "Berlin's time, and UTC"
 
 
-def test_the_fan_says_where_its_inputs_come_from(serve: Any, visit: Any) -> None:
-    zone = running("living", 300)
-    origins = (
+def test_the_fan_says_where_its_inputs_come_from(serve: Any, visit: Any, zone: FakeZone) -> None:
+    zone.origins = (
         InputOrigin("T_out", "weather", "forecast", 7200.0, Quality.UNCERTAIN),
         InputOrigin("T_adj", "yesterday", "", 60.0, Quality.UNCERTAIN),
         InputOrigin("u_heat", "held", "", 60.0, Quality.GOOD),
     )
-    zone.origins = origins
     page = opened(visit, serve({"living": zone})).page
     page.wait_for_selector("text=With the inputs as foreseen below, the lowest is")
     assert page.locator(".origins li").all_inner_texts() == [

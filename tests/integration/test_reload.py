@@ -39,6 +39,11 @@ class Home:
         sources = {name: source for name, source in self.table["sources"].items() if name in used}
         self.path.write_text(tomli_w.dumps(self.table | {"sources": sources}))
 
+    def reload(self, daemon: Daemon, told: str) -> None:
+        """Write the configuration and have it read again."""
+        self.write()
+        reload(daemon, told)
+
     def add(self, like: str, name: str, **changes: Any) -> None:
         """A zone that reads what the zone `like` reads."""
         self.table["zones"].append(zone(self.table, like) | {"id": name} | changes)
@@ -70,8 +75,7 @@ def test_zones_that_stay_the_same_do_so_to_the_last_bit(
         home.keep(kept, other, *(f"extra-{number}" for number in range(2, 8)))
         zone(home.table, "extra-2")["levels"] = [0.9, 0.5]
         home.add(kept, "late")
-        home.write()
-        reload(daemon, "configuration reloaded: added late; changed extra-2; removed extra-0, extra-1")
+        home.reload(daemon, "configuration reloaded: added late; changed extra-2; removed extra-0, extra-1")
         stored = tomllib.loads((home.path.parent / "state" / "configuration.toml").read_text())
         assert [one["id"] for one in stored["zones"]] == [one["id"] for one in home.table["zones"]]
         # The forecast that stands is the old one until the changed zone's next sample.
@@ -81,8 +85,7 @@ def test_zones_that_stay_the_same_do_so_to_the_last_bit(
         assert [interval["level"] for interval in body["intervals"]] == [0.9, 0.5], (status, body)
         assert daemon.get("/zones/extra-0")[0] == 404
         home.keep(kept, other, "late")
-        home.write()
-        reload(daemon, "removed extra-2, extra-3, extra-4, extra-5, extra-6, extra-7")
+        home.reload(daemon, "removed extra-2, extra-3, extra-4, extra-5, extra-6, extra-7")
         daemon.wait_until_ended()
         assert zone(home.table, kept) == original
         # The late zone read the recording from its beginning, and learned the same as one that began in time.
@@ -112,8 +115,7 @@ def test_what_changes_or_comes_back_goes_on_and_what_stands_against_it_is_said(
         daemon.wait(lambda zones: zones[first]["samples"] >= 30)
         # It changes what is published, not what is learned: the state goes on to the last bit.
         zone(home.table, first)["levels"] = [0.95, 0.8]
-        home.write()
-        reload(daemon, f"configuration reloaded: changed {first}")
+        home.reload(daemon, f"configuration reloaded: changed {first}")
         assert daemon.log().count(f"zone '{first}' goes on after") == 1
         # A zone that goes and comes back is restored.
         home.keep(first)
@@ -121,14 +123,12 @@ def test_what_changes_or_comes_back_goes_on_and_what_stands_against_it_is_said(
         assert asked() == (200, {"status": "reloaded", "done": f"removed {second}"})
         assert f'zone="{second}"' not in daemon.text("/metrics")
         home.table["zones"] = whole
-        home.write()
-        reload(daemon, f"configuration reloaded: added {second}")
+        home.reload(daemon, f"configuration reloaded: added {second}")
         assert f"zone '{second}' goes on after" in daemon.log()
         # What stands against a reload is said, and nothing changes.
         period = zone(home.table, first)["period"]
         zone(home.table, first)["period"] = "20min"
-        home.write()
-        reload(daemon, f"not reloaded: zone '{first}': its network, period, estimator")
+        home.reload(daemon, f"not reloaded: zone '{first}': its network, period, estimator")
         status, document = asked()
         (problem,) = document["errors"]
         assert (status, problem.startswith(f"zone '{first}': its network, period, estimator")) == (409, True)
@@ -138,8 +138,7 @@ def test_what_changes_or_comes_back_goes_on_and_what_stands_against_it_is_said(
         home.path.unlink()
         reload(daemon, "cannot be read")
         home.table["site"]["checkpoint_every"], zone(home.table, first)["period"] = "7min", period
-        home.write()
-        reload(daemon, "not reloaded: site.checkpoint_every: this takes effect with the next start only")
+        home.reload(daemon, "not reloaded: site.checkpoint_every: this takes effect with the next start only")
         assert set(daemon.wait_until_ended()) == {first, second}
         for name, rows in undisturbed.items():
             sites.same_history(daemon, name, rows)

@@ -27,6 +27,12 @@ def simulation(clock: Callable[[], float], **changes: Any) -> Simulation:
     return Simulation(**({"zones": 3, "seed": 1, "pace": 60.0, "clock": clock} | changes))
 
 
+def started() -> tuple[Clock, Simulation]:
+    """A plant, and the clock that it goes by."""
+    clock = Clock()
+    return clock, simulation(clock)
+
+
 @asynccontextmanager
 async def served(plant: Simulation) -> AsyncIterator[AsyncModbusTcpClient]:
     """A pymodbus client connected to a server of `plant`."""

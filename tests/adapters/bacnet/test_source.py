@@ -33,8 +33,7 @@ def channel(name="T", object="analog-input,1", device=1201, **keys):
 
 def source(port, channels, lifetime=300.0, **keys):
     quick = {"interface": "127.0.0.1/8", "port": port, "timeout": 2.0, "retries": 0, "poll": 0.05}
-    table = source_table("bacnet", **quick | keys).model_copy(update={"lifetime": lifetime})
-    return table.build("bms", channels)
+    return source_table("bacnet", **quick | keys).model_copy(update={"lifetime": lifetime}).build("bms", channels)
 
 
 async def test_present_values_are_polled_and_converted():

@@ -15,8 +15,7 @@ def source(tmp_path, *texts, **settings):
     for number, text in enumerate(texts):
         files.append(tmp_path / f"{number}.csv")
         files[-1].write_text("t,E,T\n" + text)
-    channels = [METER, {"id": "z/T", "column": "T", "unit": "degC"}]
-    return recording("log", files, channels, format="epoch", **settings)
+    return recording("log", files, [METER, {"id": "z/T", "column": "T", "unit": "degC"}], format="epoch", **settings)
 
 
 ROWS = "0,10,1\n900,10.5,1\n1800,10.5,1\n2700,,1\n3600,11.5,1\n"

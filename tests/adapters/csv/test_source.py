@@ -61,8 +61,7 @@ def test_columns_are_summed_then_scaled_then_converted(tmp_path):
         "valid": (0, 3000),
     }
     found = [(one.time, one.fault or one.value) for one in readings(source(path, channels=[heat], format="epoch"))]
-    faults = [(20.0, Fault.NON_NUMERIC), (30.0, Fault.NON_NUMERIC), (40.0, Fault.OUT_OF_RANGE)]
-    assert found == [(0.0, 1600.0), *faults]
+    assert found == [(0.0, 1600.0), (20.0, Fault.NON_NUMERIC), (30.0, Fault.NON_NUMERIC), (40.0, Fault.OUT_OF_RANGE)]
 
 
 @tabled
@@ -89,8 +88,7 @@ def test_each_bad_cell_is_delivered_with_its_fault_and_missing_ones_not_at_all(t
 )
 def test_a_refused_timestamp_is_one_fault_per_channel_where_it_stands(tmp_path, text, fault):
     path = write(tmp_path / "a.csv", f"t,T,U\n1970-01-01 00:00:00Z,1,2\n{text},1,\n1970-01-01 00:00:20Z,1,2\n")
-    channels = [{"id": f"z/{name}", "column": name} for name in "TU"]
-    first, last = played(source(path, channels=channels, pace=1e6))
+    first, last = played(source(path, channels=[{"id": f"z/{name}", "column": name} for name in "TU"], pace=1e6))
     assert (first.now, last.now) == (0.0, 20.0)
     refused = [reading for reading in first.readings if reading.fault]
     assert [(reading.channel, reading.fault) for reading in refused] == [("z/T", fault), ("z/U", fault)]

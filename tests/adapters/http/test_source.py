@@ -71,8 +71,7 @@ def test_counts_become_power_in_the_order_of_their_times_and_once() -> None:
     received = meter.receive(counted, None, NOW)
     assert received.begun == 1
     assert [(reading.time - NOW, reading.value) for reading in received.readings] == [(-60, 60000.0), (-30, 60000.0)]
-    again = meter.receive(counted, None, NOW).readings
-    assert {reading.fault for reading in again} == {Fault.OUT_OF_ORDER}
+    assert {reading.fault for reading in meter.receive(counted, None, NOW).readings} == {Fault.OUT_OF_ORDER}
     (last,) = meter.receive([Posted("office", 11.5, NOW, "u_heat")], None, NOW).readings
     assert last.value == 60000.0, "what was posted twice has not moved the counter"
 

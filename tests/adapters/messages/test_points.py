@@ -56,8 +56,7 @@ def test_the_order_of_preference_decides_on_the_time(
 
 
 def test_a_retained_value_with_a_time_is_as_old_as_it_says_and_a_relative_one_counts_from_a_stamp() -> None:
-    stamped = came(NOW, RELATIVE)._replace(stamp=NOW - 30)
-    assert times(channels(SENML), stamped) == [NOW - 32]
+    assert times(channels(SENML), came(NOW, RELATIVE)._replace(stamp=NOW - 30)) == [NOW - 32]
     (reading,) = readings(channels(DATED), dated(NOW - 7200, NOW)._replace(retained=True))
     assert (reading.time, reading.quality) == (NOW - 7200, Quality.GOOD)
 
@@ -74,8 +73,7 @@ def test_what_was_had_is_passed_over_when_the_session_is_opened_anew() -> None:
     taken = channels(DATED)
     assert times(taken, dated(NOW - 60, NOW)) == [NOW - 60]
     taken.start_again()
-    recovered = [dated(NOW - 60, NOW + 30), dated(NOW - 30, NOW + 30)]
-    assert times(taken, *recovered) == [NOW - 30]
+    assert times(taken, dated(NOW - 60, NOW + 30), dated(NOW - 30, NOW + 30)) == [NOW - 30]
 
 
 def test_a_clock_that_is_set_back_before_the_session_is_opened_anew_silences_nobody() -> None:
@@ -91,8 +89,7 @@ def test_what_waited_at_the_broker_after_the_clock_was_set_back_counts() -> None
     readings(taken, dated(NOW + AHEAD, NOW + AHEAD))
     assert times(taken, dated(NOW, NOW)) == [NOW]
     taken.start_again()
-    waited = [dated(NOW, NOW + 600), dated(NOW + 300, NOW + 600)]
-    assert times(taken, *waited) == [NOW + 300]
+    assert times(taken, dated(NOW, NOW + 600), dated(NOW + 300, NOW + 600)) == [NOW + 300]
 
 
 def test_a_counter_counts_on_after_the_clock_was_set_back() -> None:

@@ -48,13 +48,11 @@ def bus(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bus]:
         if request.param == "mqtt":
             running = stack.enter_context(broker(tmp_path))
             party = stack.enter_context(Party(running.port))
-            client = f"test-{time.monotonic_ns()}"
-            keys = {"host": "127.0.0.1", "port": running.port, "client_id": client}
+            keys = {"host": "127.0.0.1", "port": running.port, "client_id": f"test-{time.monotonic_ns()}"}
             yield Bus("mqtt", "topic", keys, lambda place, payload: party.put(place, payload, qos=1))
         else:
             place = endpoint()
-            publishing = stack.enter_context(session(listen=place))
-            yield Bus("zenoh", "key", {"connect": [place]}, publishing.put)
+            yield Bus("zenoh", "key", {"connect": [place]}, stack.enter_context(session(listen=place)).put)
 
 
 T = {"id": "room/T", "at": "bms/room/T", "unit": "degC"}

@@ -60,10 +60,9 @@ def source(port: int, *channels: Channel, name: str = "bms", **keys: Any) -> Mqt
 
 
 async def test_a_retained_value_is_uncertain_and_gives_way_to_what_is_new(running: Mosquitto, party: Party) -> None:
-    meter = {"id": "room/u", "topic": "home/meter", "unit": "J", "to": "W"}
     party.put(TOPIC, "18", retain=True, qos=1)
     party.put("home/meter", "1000", retain=True, qos=1)
-    watched = source(running.port, T, meter)
+    watched = source(running.port, T, {"id": "room/u", "topic": "home/meter", "unit": "J", "to": "W"})
     async with listening(watched) as heard:
         await heard.until(heard.readings.__len__)
         assert [(one.value, one.quality) for one in heard.readings] == [(18.0, Quality.UNCERTAIN)]
@@ -171,10 +170,9 @@ async def test_a_change_of_subscriptions_that_fails_opens_the_connection_anew(mo
 
 
 async def test_probe_shows_what_is_there_and_what_is_elsewhere(running: Mosquitto, party: Party) -> None:
-    missing = {"id": "room/u", "topic": "home/heater"}
     party.put(TOPIC, "20.5", retain=True, qos=1)
     party.put("home/other", '{"temperature": 19.5, "linkquality": 80}', retain=True, qos=1)
-    probes = await source(running.port, T, missing).probe(1.0)
+    probes = await source(running.port, T, {"id": "room/u", "topic": "home/heater"}).probe(1.0)
     assert (probes[0].verdict, probes[0].place) == ("good", "home/room/T plain")
     assert probes[1].verdict.endswith("nothing was retained; check topic, and that it is published")
     assert probes[0].hints == ("retained: the broker had kept it, and its age is not known",)

@@ -187,8 +187,7 @@ async def test_values_come_with_their_time_and_status(
         changed = await until(21.0)
         # A notification may come after a poll at which the earlier value still counted.
         assert changed.time == pytest.approx(when, abs=PATIENCE if subscribe else 0.001)
-        same = await until(21.0)
-        assert same.time > changed.time, "a value that stays the same counts at every poll"
+        assert (await until(21.0)).time > changed.time, "a value that stays the same counts at every poll"
         plant.set("T", 22.0, ahead=3600.0)
         await until(22.0)
         plant.set("T", 23.0, "UncertainSensorCalibration")
@@ -345,13 +344,11 @@ async def test_a_foreign_server_is_read_in_every_way(foreign: int) -> None:
     seen: set[float] = set()
     async with asyncio.timeout(PATIENCE), aclosing(bms.batches(None)) as stream:
         async for batch in stream:
-            faults = {one.channel: one.fault for one in batch.readings}
-            assert faults == {"z/T": None, "z/broken": Fault.REPORTED_BAD}
+            assert {one.channel: one.fault for one in batch.readings} == {"z/T": None, "z/broken": Fault.REPORTED_BAD}
             seen |= {one.value for one in batch.readings if one.fault is None}
             if len(seen) > 2:
                 break
-    found = await history(past(foreign, T["node"]))
-    assert found == {0: 20.0, 10: 21.0, 20: 22.0, 30: 22.9, 40: 22.9, 50: 22.9}
+    assert await history(past(foreign, T["node"])) == {0: 20.0, 10: 21.0, 20: 22.0, 30: 22.9, 40: 22.9, 50: 22.9}
     for place, said in ((broken["node"], "gives no history of ns=1;s=broken"), ("nsu=urn:other;i=1", "the namespace")):
         archive = past(foreign, place)
         with pytest.raises(SourceConfigError, match=rf"sources\.bms: .* {said}"):

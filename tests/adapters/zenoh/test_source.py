@@ -25,6 +25,11 @@ JSON = {"format": "json", "value": "/value", "time": "/time", "quality": "/quali
 Keys = dict[str, Any]
 
 
+@pytest.fixture
+def place() -> str:
+    return endpoint()
+
+
 def source(where: str | Keys, *channels: Keys, **keys: Any) -> ZenohSource:
     """A source that connects to `where`, or has those keys; where it listens, everyone may put readings."""
     given = {"connect": [where]} if isinstance(where, str) else where
@@ -34,8 +39,7 @@ def source(where: str | Keys, *channels: Keys, **keys: Any) -> ZenohSource:
 
 
 @pytest.mark.parametrize("ours", ["client", "peer", "listening peer", "listening router"])
-async def test_client_peer_and_embedded_router(ours: str) -> None:
-    place = endpoint()
+async def test_client_peer_and_embedded_router(ours: str, place: str) -> None:
     if not ours.startswith("listening"):
         with session(listen=place) as bms:
             async with listening(source(place, mode=ours)) as heard:
@@ -51,8 +55,7 @@ async def test_client_peer_and_embedded_router(ours: str) -> None:
                 await heard.until(lambda: subscriber.try_recv(), lambda: bms.put("bms/room/T", "1"))
 
 
-async def test_what_is_missed_while_the_router_is_away_is_recovered() -> None:
-    place = endpoint()
+async def test_what_is_missed_while_the_router_is_away_is_recovered(place: str) -> None:
     with session("router", listen=place) as router, session("client", connect=place, **QUICK) as bms:
         publisher = caching_publisher(bms, "bms/room/T")
         async with listening(source(place, recover=60.0)) as heard:
@@ -70,10 +73,9 @@ async def test_what_is_missed_while_the_router_is_away_is_recovered() -> None:
 
 
 async def test_a_publisher_that_restarts_is_heard_again_with_what_it_published_before_we_were_back(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, place: str
 ) -> None:
     monkeypatch.setattr(adapters.zenoh.source, "LOST", 0.3)
-    place = endpoint()
     async with listening(source(place, recover=60.0)) as heard:
         for life in (1, 2):
             await heard.until(lambda life=life: len(heard.failures) >= life)
@@ -96,12 +98,11 @@ async def verdict(connection: str | Keys, **keys: Any) -> str:
 
 @pytest.mark.parametrize("mode", ["client", "peer"])
 async def test_user_and_password_are_accepted_and_refused(
-    mode: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    mode: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
 ) -> None:
     users, password = tmp_path / "users", tmp_path / "password"
     users.write_text("thermogate:secret-1\n", encoding="utf-8")
     password.write_text("secret-1\n", encoding="utf-8")
-    place = endpoint()
     mine = {f"{USER}user": "bms", f"{USER}password": "x", f"{USER}dictionary_file": str(users)}
     ours = {"mode": mode, "connect": [place], "user": "thermogate"}
     with session(listen=place, **mine):
@@ -121,11 +122,9 @@ async def test_a_host_that_is_no_name_is_one_at_which_nobody_answers() -> None:
     assert told.endswith("no Zenoh session answers at tcp/192.168..30:7447; start it, or correct the address")
 
 
-async def test_our_listener_asks_for_user_and_password(tmp_path: Path) -> None:
+async def test_our_listener_asks_for_user_and_password(tmp_path: Path, place: str) -> None:
     (tmp_path / "users").write_text("bms:secret-1\n", encoding="utf-8")
-    place = endpoint()
-    ours = source({"mode": "router", "listen": [place], "users_file": tmp_path / "users"})
-    async with listening(ours) as heard:
+    async with listening(source({"mode": "router", "listen": [place], "users_file": tmp_path / "users"})) as heard:
         await opened(place)
         wrong = {"connect/timeout_ms": 1000, f"{USER}user": "bms", f"{USER}password": "no"}
         with pytest.raises(zenoh.ZError), session("client", connect=place, **wrong):
@@ -183,18 +182,16 @@ def test_a_wrong_key_expression_is_one_sentence(key: str, gist: str) -> None:
     assert "/root/" not in problem
 
 
-async def test_an_address_in_use_is_said() -> None:
-    place = endpoint()
+async def test_an_address_in_use_is_said(place: str) -> None:
     with session(listen=place):
         assert f"listen: an address of {place} cannot be used" in await verdict({"mode": "peer", "listen": [place]})
 
 
 async def test_a_listener_that_nobody_connects_to_stays_open_and_says_so(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, place: str
 ) -> None:
     monkeypatch.setattr(adapters.zenoh.source, "LOST", 0.1)
     monkeypatch.setattr(adapters.messages.subscribed, "LOOK", 0.05)
-    place = endpoint()
     async with listening(source({"mode": "peer", "listen": [place]})) as heard:
         await heard.until(lambda: "nobody has connected to" in caplog.text)
         with session("client", connect=place) as bms:
@@ -202,8 +199,8 @@ async def test_a_listener_that_nobody_connects_to_stays_open_and_says_so(
         assert heard.failures == []
 
 
-async def test_probe_takes_the_last_value_from_a_cache_or_a_query() -> None:
-    place, begun = endpoint(), time.time()
+async def test_probe_takes_the_last_value_from_a_cache_or_a_query(place: str) -> None:
+    begun = time.time()
     asked = {"id": "room/q", "key": "store/q"} | JSON
     with session(listen=place) as bms:
         publisher = caching_publisher(bms, "bms/room/T")

@@ -15,6 +15,11 @@ def make(**options):
     return build("direct", NETWORK, PERIOD, options)
 
 
+@pytest.fixture
+def estimator():
+    return make()
+
+
 def run(estimator, outputs, inputs, state=None, first=0, seen=lambda k, state: None):
     """The state after `outputs` (K,) under `inputs` (K, 2); `seen` is shown each predicted state."""
     if state is None:
@@ -47,9 +52,8 @@ def test_what_the_inputs_explain_is_found_at_every_lead(lead, most):
     assert np.sqrt(np.mean(own**2) / np.mean(held**2)) < most
 
 
-def test_on_the_first_day_it_is_persistence():
+def test_on_the_first_day_it_is_persistence(estimator):
     outputs, inputs = room(2 * DAY)
-    estimator = make()
     for count in (2, DAY // 2, DAY):
         state = estimator.predict(run(estimator, outputs[:count], inputs), inputs[count - 1])
         fan = estimator.unfold(estimator.issue(state, 1), inputs[count : count + DAY])
@@ -68,9 +72,8 @@ def test_a_room_with_a_set_back_is_foreseen_by_its_first_day():
     assert sds[-1] < 0.5 * sds.max()
 
 
-def test_no_forecast_changes_by_more_than_was_ever_seen():
+def test_no_forecast_changes_by_more_than_was_ever_seen(estimator):
     outputs, inputs = room(12 * DAY)
-    estimator = make()
     state = estimator.predict(run(estimator, outputs, inputs), inputs[-1])
     fan = estimator.unfold(estimator.issue(state, 1), np.tile([-60.0, 50_000.0], (DAY - 1, 1)))
     changes = fan.means[:, 0, 0] - outputs[-1]
@@ -80,16 +83,14 @@ def test_no_forecast_changes_by_more_than_was_ever_seen():
 
 
 def test_a_regression_that_proves_worthless_is_not_believed():
-    rng = np.random.default_rng(4)
-    outputs, inputs = 20.0 + np.cumsum(0.1 * rng.standard_normal(40 * DAY)), room(40 * DAY)[1]
+    outputs, inputs = 20.0 + np.cumsum(0.1 * np.random.default_rng(4).standard_normal(40 * DAY)), room(40 * DAY)[1]
     own, held = errors_of(make(penalty_days=1e-3), outputs, inputs, 12, after=15 * DAY)
     assert np.mean(own**2) < 1.1 * np.mean(held**2)
 
 
 @pytest.mark.parametrize("lead", [1, 12, DAY])
-def test_the_spread_is_that_of_the_errors(lead):
+def test_the_spread_is_that_of_the_errors(lead, estimator):
     outputs, inputs = room(40 * DAY)
-    estimator = make()
     own, _ = errors_of(estimator, outputs, inputs, lead, after=20 * DAY)
     state = estimator.predict(run(estimator, outputs, inputs), inputs[-1])
     fan = estimator.unfold(estimator.issue(state, 1), inputs[:DAY])
@@ -115,9 +116,8 @@ def test_forecasts_are_verified_with_the_coefficients_that_were_in_force():
     np.testing.assert_allclose(verified[place, 2], squares, rtol=0.05)
 
 
-def test_beyond_a_day_the_forecast_of_the_first_is_the_past_of_the_second():
+def test_beyond_a_day_the_forecast_of_the_first_is_the_past_of_the_second(estimator):
     outputs, inputs = room(20 * DAY)
-    estimator = make()
     state = estimator.predict(run(estimator, outputs, inputs), inputs[-1])
     plan = room(3 * DAY, seed=5)[1]
     fan = estimator.unfold(estimator.issue(state, 1), plan)
@@ -130,9 +130,8 @@ def test_beyond_a_day_the_forecast_of_the_first_is_the_past_of_the_second():
     assert fan.means[-2, 0, 0] == pytest.approx(real, abs=1.0)
 
 
-def test_a_gap_leaves_the_regressions_and_forgets_the_hour():
+def test_a_gap_leaves_the_regressions_and_forgets_the_hour(estimator):
     outputs, inputs = room(20 * DAY)
-    estimator = make()
     state = run(estimator, outputs, inputs)
     after = estimator.restart(state, np.array([21.0]), inputs[0])
     assert np.abs(state.coefficients[..., 6:8]).max() > 0.0
@@ -145,17 +144,15 @@ def test_a_gap_leaves_the_regressions_and_forgets_the_hour():
 def test_what_was_not_measured_is_not_learned_from():
     outputs, inputs = room(10 * DAY)
     outputs[3 * DAY : 5 * DAY] = np.nan
-    state = run(make(memory_days=1e6), outputs, inputs)
     known = np.isfinite(outputs)
-    numbers = state.moments[0, :, 0, 0]
+    numbers = run(make(memory_days=1e6), outputs, inputs).moments[0, :, 0, 0]
     for lead in (1, 2, 12, DAY):
         assert np.isclose(numbers, (known[lead:] & known[:-lead]).sum(), rtol=1e-3).any()
     assert numbers[0] == pytest.approx(8 * DAY - 2, rel=1e-3)
 
 
-def test_an_output_that_is_late_has_the_spread_of_a_longer_lead():
+def test_an_output_that_is_late_has_the_spread_of_a_longer_lead(estimator):
     outputs, inputs = room(10 * DAY)
-    estimator = make()
     state = run(estimator, outputs, inputs)
     late = state
     for k in range(12):

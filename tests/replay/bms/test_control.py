@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from support.bms_plant import Clock, ask, simulation
+from support.bms_plant import Clock, ask, simulation, started
 from support.tables import tabled
 
 
@@ -41,8 +41,7 @@ def test_a_fault_is_switched_on_shown_and_switched_off() -> None:
 
 
 def test_a_fault_for_later_says_when() -> None:
-    clock = Clock()
-    plant = simulation(clock)
+    clock, plant = started()
     ask(plant, ("POST", "/faults", {"kind": "freeze", "after": "1min"}))
     clock.now += 20
     (waiting,) = ask(plant, ("GET", "/faults", None))
@@ -64,8 +63,7 @@ def test_mistakes_are_explained(body: dict[str, Any], gist: str) -> None:
 
 
 def test_the_plants_side_sets_heating_and_set_points() -> None:
-    clock = Clock()
-    plant = simulation(clock)
+    clock, plant = started()
     relay, half, valve, unknown, odd, empty = ask(
         plant,
         ("PUT", "/rooms/room1", {"u_heat": 1500}),

@@ -1,7 +1,7 @@
 """The fault menu: what is asked for, and the sentences for what the plant cannot have."""
 
 import pytest
-from support.bms_plant import Clock, simulation
+from support.bms_plant import Clock, simulation, started
 from support.tables import tabled
 
 from replay.bms.faults import FaultError, parse_spec
@@ -47,8 +47,7 @@ def test_a_value_leaps_for_a_tenth_of_every_minute() -> None:
 
 
 def test_a_late_value_is_the_one_of_before() -> None:
-    clock = Clock()
-    plant = simulation(clock)
+    clock, plant = started()
     plant.faults.add(parse_spec("late:room2/T_air,value=30"))
     true, shown = [], []
     for _ in range(90):
@@ -78,8 +77,7 @@ def test_thermometers_change_places() -> None:
 
 
 def test_faults_that_have_ended_are_forgotten_also_where_nobody_lists_them() -> None:
-    clock = Clock()
-    plant = simulation(clock)
+    clock, plant = started()
     device = plant.plant[1]
     for _ in range(100):
         plant.faults.add(parse_spec("freeze:room1,for=1s"))

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from pymodbus.exceptions import ModbusIOException
-from support.bms_plant import Clock, Look, room1, room2, served, simulation
+from support.bms_plant import Clock, Look, room1, room2, served, simulation, started
 
 from replay.bms.faults import parse_spec
 
@@ -19,8 +19,7 @@ def on_modbus(*faults: str) -> Callable[[Look], Callable[[], None]]:
 
     def decorate(look: Look) -> Callable[[], None]:
         async def seen() -> None:
-            clock = Clock()
-            plant = simulation(clock)
+            clock, plant = started()
             for text in faults:
                 plant.faults.add(parse_spec(text))
             async with served(plant) as client:
@@ -70,8 +69,7 @@ async def test_values_move_as_time_passes(client, plant, clock):
 
 
 def test_a_building_that_is_behind_says_how_far_and_catches_up() -> None:
-    clock = Clock()
-    plant = simulation(clock)
+    clock, plant = started()
     clock.now += 120
     assert plant.catch_up() == 120 * 60 - plant.world.elapsed > 0
     assert plant.catch_up() == 0

@@ -50,6 +50,12 @@ def replayed(tmp_path_factory):
     return out, replay_recording(config(out / "state"), out, progress=False)
 
 
+@pytest.fixture
+def trace(replayed):
+    (one,) = replayed[1]
+    return one
+
+
 @pytest.fixture(scope="module")
 def state(tmp_path_factory, replayed):
     """What a daemon would have left of the same recording, with a checkpoint at two thirds."""
@@ -87,12 +93,11 @@ class Page(HTMLParser):
 
 
 @tabled
-def test_a_report_tells_how_far_its_forecasts_can_be_relied_on(replayed, levels, beaten, told):
+def test_a_report_tells_how_far_its_forecasts_can_be_relied_on(trace, levels, beaten, told):
     horizons = [
         HorizonTrust(lead, level, "too narrow" if level == "doubtful" else "", 0)
         for lead, level in zip((3600, 21600), levels, strict=True)
     ]
-    (trace,) = replayed[1]
     trust = Trust(0, tuple(horizons), beaten=beaten)
     made = report("site", [trace._replace(trust=trust, notes=("Learned anew.",))])
     (forecasts,) = (section for section in made.sections if section.title == "Forecasts")
@@ -100,8 +105,7 @@ def test_a_report_tells_how_far_its_forecasts_can_be_relied_on(replayed, levels,
     assert made.sections[-1].paragraphs[0] == "Learned anew.", "where figures come from keeps nobody from them"
 
 
-def test_a_report_tells_when_to_start_heating_in_the_words_of_the_page(replayed):
-    (trace,) = replayed[1]
+def test_a_report_tells_when_to_start_heating_in_the_words_of_the_page(trace):
     end = trace.rows[-1].time + trace.period
     heating = NextHeatingPayload(21.0, end + 25200.0, 0.9, end + 19800.0, 0.93)
     for start, words in ((heating.start, "start at {}, 1.5 h before: then"), (None, "even if heating starts at {},")):
@@ -111,8 +115,7 @@ def test_a_report_tells_when_to_start_heating_in_the_words_of_the_page(replayed)
         assert "21,0 °C oder höchstens 0,5 K weniger" in sayer("de")(told)
 
 
-def test_a_report_tells_the_rooms_in_the_order_of_what_to_do(replayed):
-    (trace,) = replayed[1]
+def test_a_report_tells_the_rooms_in_the_order_of_what_to_do(trace):
     rooms = {"calm": (), "urgent": (ToDo("shut the window", "it is open", 1.0),)}
     made = report("site", [trace._replace(zone=zone, room=replace(trace.room, to_do=do)) for zone, do in rooms.items()])
     told = [section.title.partition(":")[0] for section in made.sections if "how is this room" in section.title]
@@ -182,8 +185,7 @@ def strings(report):
             yield from map(plot.chart.say, (*labels, *plot.chart.names, plot.chart.axis))
 
 
-def test_a_report_in_german_leaves_no_sentence_in_english(replayed, tmp_path, capsys):
-    (trace,) = replayed[1]
+def test_a_report_in_german_leaves_no_sentence_in_english(trace, tmp_path, capsys):
     at_bound = (
         "C_i is at its lower bound of 1e5 J/K, so the true value may lie beyond it; move parameters.C_i.lower and "
         "start the zone anew"
@@ -208,8 +210,7 @@ def test_a_report_in_german_leaves_no_sentence_in_english(replayed, tmp_path, ca
     assert "Was die Vorhersagen wert waren" in capsys.readouterr().out
 
 
-def test_a_report_leads_with_the_room_that_needs_most(replayed):
-    (trace,) = replayed[1]
+def test_a_report_leads_with_the_room_that_needs_most(trace):
     fine = trace._replace(zone="fine", room=replace(trace.room, to_do=()))
     made = report("site", [fine, trace])
     assert [sentence.split("`")[1] for sentence in made.lead] == [ZONE, "fine"]
@@ -217,8 +218,7 @@ def test_a_report_leads_with_the_room_that_needs_most(replayed):
     assert [row[1] for row in table.rows] == [f"{one.sentence}." for one in fine.room.answers[1:]]
 
 
-def test_every_time_is_that_of_the_site(replayed, tmp_path):
-    (trace,) = replayed[1]
+def test_every_time_is_that_of_the_site(trace, tmp_path):
     drawn = []
     for name in (None, "Asia/Tokyo"):
         publish_report("site", [trace._replace(time_zone=name)], tmp_path)
@@ -237,8 +237,7 @@ def test_a_set_point_is_drawn_and_changes_no_forecast(tmp_path):
     traces = replay_recording(
         load(EXAMPLE, [*settings, f"zones.{ZONE}.{meant}"]), tmp_path, end=1712730000.0, progress=False
     )
-    rows = [replace(row, setpoint=float("nan")) for row in traces[0].rows]
-    assert repr(rows) == repr(without.rows)
+    assert repr([replace(row, setpoint=float("nan")) for row in traces[0].rows]) == repr(without.rows)
     assert np.isfinite([row.setpoint for row in traces[0].rows]).all()
     publish_report("site", traces, tmp_path)
     page = (tmp_path / "report.html").read_text()
@@ -255,8 +254,7 @@ def test_the_page_of_an_earlier_replay_does_not_stand_for_one_that_fails(tmp_pat
     assert not (tmp_path / "report.html").exists()
 
 
-def test_the_fans_are_whole_days_and_begin_with_what_was_published(replayed):
-    (trace,) = replayed[1]
+def test_the_fans_are_whole_days_and_begin_with_what_was_published(trace):
     assert [fan.times[0] % DAY for fan in trace.fans] == [0] * 2
     rows = {row.time: row for row in trace.rows}
     for fan in trace.fans:
@@ -270,8 +268,7 @@ def test_the_fans_are_whole_days_and_begin_with_what_was_published(replayed):
         assert widths[-1] > widths[0]
 
 
-def test_the_parameters_are_looked_at_every_six_hours_and_stay_in_their_bounds(replayed):
-    (trace,) = replayed[1]
+def test_the_parameters_are_looked_at_every_six_hours_and_stay_in_their_bounds(trace):
     assert np.diff(trace.looks).tolist() == [DAY // 4] * 11
     for place, parameter in enumerate(trace.network.parameters):
         values = trace.parameters[:, place]

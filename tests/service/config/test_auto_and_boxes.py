@@ -48,8 +48,7 @@ def test_a_member_of_a_bank_can_have_a_variant_of_the_network(tmp_path: Path) ->
 
 
 def test_the_sun_can_be_told_more_about(tmp_path: Path) -> None:
-    table = {"preset": "auto", "solar": {"node": "T_e", "upper": 12.0}}
-    network = living(tmp_path, table, {"I_sol": SUN}).network
+    network = living(tmp_path, {"preset": "auto", "solar": {"node": "T_e", "upper": 12.0}}, {"I_sol": SUN}).network
     assert [heat.node for heat in network.heat_inputs if heat.channel == "I_sol"] == ["T_e"]
     assert network.parameter("A_w").upper == 12.0
 

@@ -31,8 +31,7 @@ def names(config: Config) -> set[str]:
 
 def test_an_automatic_zone_knows_habits_and_the_sun_as_far_as_it_can(tmp_path: Path) -> None:
     assert names(loaded(tmp_path, more={}, network="auto")) == {"habit", "habit_weekend"}
-    by_hour = names(loaded(tmp_path, network="auto"))
-    assert by_hour == {"habit", "habit_weekend", "sun", "horizontal"}
+    assert names(loaded(tmp_path, network="auto")) == {"habit", "habit_weekend", "sun", "horizontal"}
     by_facade = names(loaded(tmp_path, PLACE, network="auto"))
     assert by_facade == {"habit", "habit_weekend", "east", "south", "west", "diffuse", "horizontal"}
     assert names(loaded(tmp_path, PLACE, network="auto", habits=False, sun=False)) == set()
@@ -56,8 +55,7 @@ def test_other_networks_and_estimators_know_what_is_asked_for(tmp_path: Path) ->
     assert names(loaded(tmp_path, more={})) == set()
     assert names(loaded(tmp_path, more={}, habits=True)) == {"habit", "habit_weekend"}
     assert names(loaded(tmp_path, network="auto", estimator="ekf")) == set()
-    solar = {"preset": "titeth", "solar": True}
-    assert names(loaded(tmp_path, network=solar, sun="hours")) == {"sun", "horizontal"}
+    assert names(loaded(tmp_path, network={"preset": "titeth", "solar": True}, sun="hours")) == {"sun", "horizontal"}
 
 
 def test_a_floor_area_scales_what_is_thought_before_the_first_sample(tmp_path: Path) -> None:
@@ -108,10 +106,9 @@ def test_a_zone_that_learned_the_sun_by_the_hour_goes_on_so_when_the_site_gets_a
 
 def test_the_worker_knows_the_heat_of_its_zone(tmp_path: Path) -> None:
     worker = make_worker(loaded(tmp_path, PLACE, network="auto", estimator="mkf").zones[0])
-    network = worker.network
     afternoon = np.array([1371560400.0])  # 18 June 2013, 15:00 in Berlin
     (row,) = worker.loop.driving(afternoon, np.array([[10.0, 0.0, 700.0]]))
-    known = dict(zip(network.drive, row.tolist(), strict=True))
+    known = dict(zip(worker.network.drive, row.tolist(), strict=True))
     assert known["sun_west"] > known["sun_east"] == 0.0
     assert known["habit_15"] == pytest.approx(1 - 2.5 / 60 / 3)
     assert known["habit_weekend_15"] == 0.0

@@ -25,12 +25,11 @@ def test_a_preset_written_out_as_inline_network_is_the_same_network(name: str) -
     preset = built({"preset": name})
     assert preset == presets.network(name)
     again = built(network_table(preset))
-    initial = {node: preset.initial_temperature(node) for node in preset.nodes}
     assert replace(again, parameters=set(again.parameters)) == replace(  # type: ignore[arg-type]
         preset,
         parameters=set(preset.parameters),  # type: ignore[arg-type]
         description="",
-        initial=initial,
+        initial={node: preset.initial_temperature(node) for node in preset.nodes},
     )
 
 

@@ -14,8 +14,7 @@ def test_values_are_toml_or_text(override: str, expected: object) -> None:
 
 def test_list_items_by_index_and_by_id_which_goes_before() -> None:
     raw = {"zones": [{"id": "living", "period": 1}, {"id": "1", "period": 2}, {"id": "attic", "levels": [0.5, 0.9]}]}
-    changed = apply_overrides(raw, ["zones.0.period=10", "zones.attic.levels.1=0.8", "zones.1.period=20"])
-    assert changed["zones"] == [
+    assert apply_overrides(raw, ["zones.0.period=10", "zones.attic.levels.1=0.8", "zones.1.period=20"])["zones"] == [
         {"id": "living", "period": 10},
         {"id": "1", "period": 20},
         {"id": "attic", "levels": [0.5, 0.8]},

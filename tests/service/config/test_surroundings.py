@@ -40,8 +40,7 @@ def test_limits_are_those_of_valid_installed_and_nominal(tmp_path: Path) -> None
     given = tables(tmp_path)
     given["zones"][0]["channels"]["T_out"]["valid"] = [-20.0, 40.0]
     given["zones"][1]["channels"]["u_heat"] |= {"unit": "%", "nominal": 1800.0}
-    config = loaded(tmp_path, given)
-    living, bedroom = surroundings(config).values()
+    living, bedroom = surroundings(loaded(tmp_path, given)).values()
     assert living.limits == {"T_i": (-60.0, 80.0), "T_out": (-20.0, 40.0), "u_heat": (-2500.0, 2500.0)}
     assert bedroom.limits["u_heat"] == (-1800.0, 1800.0)
     assert (living.entered, bedroom.entered) == (False, True)
@@ -60,11 +59,9 @@ def test_a_forecast_of_the_weather_is_linked_with_its_unit(tmp_path: Path) -> No
 def test_a_neighbour_is_whoever_is_measured_there(tmp_path: Path) -> None:
     given = sound(tmp_path)
     for zone, other in ((0, "Bedroom"), (1, "Living")):
-        heard = {"source": "log", "column": other, "unit": "degC"}
         given["zones"][zone] |= {"network": "auto"}
-        given["zones"][zone]["channels"] |= {"T_adj": heard}
-    config = loaded(tmp_path, given)
-    living, bedroom = surroundings(config).values()
+        given["zones"][zone]["channels"] |= {"T_adj": {"source": "log", "column": other, "unit": "degC"}}
+    living, bedroom = surroundings(loaded(tmp_path, given)).values()
     assert living.neighbours == {"T_adj": ("bedroom", "T_i")}
     assert bedroom.neighbours == {"T_adj": ("living", "T_i")}
     del given["zones"][1]["channels"]["T_adj"]

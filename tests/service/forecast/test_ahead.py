@@ -19,6 +19,11 @@ from service.records.trust import HorizonTrust, Trust
 DAY = 86400
 
 
+@pytest.fixture
+def zone():
+    return running("living")
+
+
 def looking(*zones):
     sink = Announced()
     return LookingAhead("htwg", {zone.id: zone for zone in zones}, [sink]), sink
@@ -28,8 +33,7 @@ def told(sink):
     return [json.loads(one.payload("ahead")) for one in sink.told]
 
 
-def test_horizons_and_fan_are_those_of_the_forecast_without_a_plan():
-    zone = running("living")
+def test_horizons_and_fan_are_those_of_the_forecast_without_a_plan(zone):
     ahead, sink = looking(zone, waiting("attic"))
     asyncio.run(ahead.attend("living"))
     asyncio.run(ahead.attend("attic"))
@@ -51,8 +55,7 @@ def test_horizons_and_fan_are_those_of_the_forecast_without_a_plan():
     assert len(output["lower"]) == len(output["upper"]) == 48
 
 
-def test_another_look_is_taken_after_some_minutes_of_the_zone():
-    zone = running("living")
+def test_another_look_is_taken_after_some_minutes_of_the_zone(zone):
     ahead, sink = looking(zone)
     for step in range(3, 3 + 3 * EVERY // 300):
         asyncio.run(ahead.attend("living"))
@@ -76,8 +79,7 @@ def test_the_looks_rest_but_not_after_the_first_which_compiles(monkeypatch):
     assert len(rests) == 2
 
 
-def test_a_zone_that_no_longer_vouches_for_it_says_so_once_and_comes_back():
-    zone = running("living")
+def test_a_zone_that_no_longer_vouches_for_it_says_so_once_and_comes_back(zone):
     ahead, sink = looking(zone)
     for state in ("running", "stalled", "stalled", "running"):
         zone.state = state
@@ -85,8 +87,7 @@ def test_a_zone_that_no_longer_vouches_for_it_says_so_once_and_comes_back():
     assert [one["quality"] for one in told(sink)] == ["good", "bad", "good"]
 
 
-def test_the_next_heating_is_told_unless_hardly_any_start_suffices_or_the_forecast_is_not_trusted():
-    zone = running("living")
+def test_the_next_heating_is_told_unless_hardly_any_start_suffices_or_the_forecast_is_not_trusted(zone):
     zone.heating = foreseen(zone)
     ahead, sink = looking(zone)
     asyncio.run(ahead.attend("living"))
@@ -104,8 +105,7 @@ def test_the_next_heating_is_told_unless_hardly_any_start_suffices_or_the_foreca
 
 
 @pytest.mark.parametrize(("period", "leads"), [(1, []), (2, [3600]), (3600, [6 * 3600, DAY]), (DAY, None)])
-def test_periods_of_any_length_have_the_horizons_that_fit(period, leads):
-    zone = running("living")
+def test_periods_of_any_length_have_the_horizons_that_fit(period, leads, zone):
     zone.period = float(period)
     update = zone.now().update
     ended = update.time + period
@@ -116,7 +116,7 @@ def test_periods_of_any_length_have_the_horizons_that_fit(period, leads):
     assert found == ([] if leads is None else [leads])
 
 
-async def test_it_goes_on_where_one_zone_fails():
+async def test_it_goes_on_where_one_zone_fails(zone):
     class Failing:
         def __init__(self, error):
             self.id, self.network, self.error = type(error).__name__, presets.network("tite"), error
@@ -124,7 +124,6 @@ async def test_it_goes_on_where_one_zone_fails():
         def now(self):
             raise self.error
 
-    zone = running("living")
     ahead, sink = looking(Failing(ServiceError("away")), Failing(RuntimeError("odd")), zone)
     looks = asyncio.create_task(ahead.run())
     await until(lambda: sink.told)

@@ -26,6 +26,11 @@ from service.web.server.connection import PIECE, READ_BYTES, Connection
 PLAIN = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
 
+@pytest.fixture
+def pair(tmp_path: Path) -> Pair:
+    return make_pair(tmp_path)
+
+
 def app(size: int = 1) -> FastAPI:
     application = FastAPI()
     application.add_route("/", lambda request: Response(bytes(size)))
@@ -80,9 +85,8 @@ async def test_client_certificates(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("greeting", [b"\x16", PLAIN])
 async def test_who_does_not_finish_the_handshake_is_let_go(
-    tmp_path: Path, greeting: bytes, caplog: pytest.LogCaptureFixture
+    pair: Pair, greeting: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
-    pair = make_pair(tmp_path)
     async with serving(app(), encrypted(pair, limits={"receive_timeout": 1.0, "connections": 2})) as server:
         client = await Client.to(server)
         await client.send(greeting)
@@ -96,8 +100,7 @@ async def test_who_does_not_finish_the_handshake_is_let_go(
     assert not [record for record in caplog.records if record.levelname != "INFO"], "no noise in the log"
 
 
-async def test_who_never_reads_is_cut_off_through_encryption_too(tmp_path: Path) -> None:
-    pair = make_pair(tmp_path)
+async def test_who_never_reads_is_cut_off_through_encryption_too(pair: Pair) -> None:
     async with serving(app(32 * 2**20), encrypted(pair, limits={"send_timeout": 0.3})) as server:
         deaf = await Client.to(server, trusting(pair), limit=1024)
         deaf.writer.transport.pause_reading()
@@ -106,10 +109,8 @@ async def test_who_never_reads_is_cut_off_through_encryption_too(tmp_path: Path)
         deaf.writer.transport.abort()
 
 
-async def test_who_neither_goes_on_nor_closes_is_let_go_and_others_are_served(tmp_path: Path) -> None:
-    pair = make_pair(tmp_path)
-    limits = {"receive_timeout": 0.3, "send_timeout": 2.0}
-    async with serving(app(), encrypted(pair, limits=limits)) as server:
+async def test_who_neither_goes_on_nor_closes_is_let_go_and_others_are_served(pair: Pair) -> None:
+    async with serving(app(), encrypted(pair, limits={"receive_timeout": 0.3, "send_timeout": 2.0})) as server:
         silent = await Client.to(server, trusting(pair))
         await silent.send(PLAIN[:20])
         # It never takes the end of the encryption, so that the connection is closing for as long as sending may take.
@@ -120,8 +121,7 @@ async def test_who_neither_goes_on_nor_closes_is_let_go_and_others_are_served(tm
         silent.writer.transport.abort()
 
 
-async def test_an_encrypted_connection_holds_little(tmp_path: Path) -> None:
-    pair = make_pair(tmp_path)
+async def test_an_encrypted_connection_holds_little(pair: Pair) -> None:
     async with serving(app(), encrypted(pair)) as server:
         client = await Client.to(server, trusting(pair))
         assert (await client.ask()).status == 200
@@ -139,8 +139,7 @@ def abandoned(client: Client) -> None:
 
 
 @pytest.mark.parametrize("tls", [False, True])
-async def test_ended_connections_leave_nothing_to_the_garbage_collector(tmp_path: Path, tls: bool) -> None:
-    pair = make_pair(tmp_path)
+async def test_ended_connections_leave_nothing_to_the_garbage_collector(pair: Pair, tls: bool) -> None:
     context = trusting(pair) if tls else None
     gc.collect()
     gc.disable()

@@ -55,6 +55,11 @@ class Life:
                 await self.zone.intake.keep_time()
             await self.zone.settled()
 
+    async def goes_on(self):
+        """Live through two periods, after which it runs."""
+        await self.live(2 * PERIOD)
+        assert self.zone.now().status.state == "running"
+
     async def set(self, seconds, settle=True):
         """Set the wall clock by `seconds`, and let the zone see that it stays so."""
         self.wall.now += seconds
@@ -149,8 +154,7 @@ async def test_a_clock_that_is_set_to_and_fro_changes_nothing(tmp_path):
             await life.set(HOUR, settle=False)
             await life.live(2.0, readings=False, step=1.0)
         assert not rows(tmp_path, "zone != 'z'")
-        await life.live(2 * PERIOD)
-        assert life.zone.now().status.state == "running"
+        await life.goes_on()
 
 
 @pytest.mark.parametrize("wrong", [0.0, 946_684_800.0])
@@ -168,8 +172,7 @@ async def test_a_clock_that_was_never_set_is_not_believed_until_it_is(tmp_path, 
         assert "was never set" in status.reason
         assert status.faults["bad_timestamp"] > 0
         await life.set(NOON + 2 * HOUR - wall.now, settle=False)
-        await life.live(2 * PERIOD)
-        assert life.zone.now().status.state == "running"
+        await life.goes_on()
         assert rows(tmp_path)[: len(stored)] == stored
 
 
@@ -183,8 +186,7 @@ async def test_samples_of_a_clock_that_was_ahead_by_years_are_set_aside_at_the_n
         assert life.zone.now().status.state == "stalled"
         await life.live(SETTLING + 2.0, readings=False, step=1.0)
         assert rows(tmp_path) == sane
-        await life.live(2 * PERIOD)
-        assert life.zone.now().status.state == "running"
+        await life.goes_on()
 
 
 async def test_more_than_a_week_ahead_means_that_the_clock_is_wrong(tmp_path, caplog, monkeypatch):
@@ -197,8 +199,7 @@ async def test_more_than_a_week_ahead_means_that_the_clock_is_wrong(tmp_path, ca
         assert rows(tmp_path) == stored
         assert "set the clock, or give the zone's state up with --reset" in life.zone.now().status.reason
         await life.set(HOUR, settle=False)
-        await life.live(2 * PERIOD)
-        assert life.zone.now().status.state == "running"
+        await life.goes_on()
     assert "too many to set aside" in caplog.text
 
 

@@ -12,6 +12,11 @@ from adapters.reading import Quality
 from estimator.loop import VANISHED_LIMIT
 
 
+@pytest.fixture
+def zone():
+    return worker()
+
+
 def run(zone, count, first=0):
     return [zone.step(sample(k)) for k in range(first, first + count)]
 
@@ -37,8 +42,7 @@ def test_the_forecast_that_was_published_is_the_one_that_is_scored():
         assert published.intervals[0].lower < published.intervals[1].lower < published.median
 
 
-def test_the_inputs_of_a_forecast_are_told_with_age_and_quality():
-    zone = worker()
+def test_the_inputs_of_a_forecast_are_told_with_age_and_quality(zone):
     zone.step(sample(0, quality=Quality.UNCERTAIN))
     outdoor, adjacent, heat = zone.step(sample(1, inputs=[NAN, 18.0, 0.0])).forecast.inputs
     assert (outdoor.channel, outdoor.value, outdoor.unit, outdoor.age) == ("T_out", 5.0, "degC", 300.0)
@@ -48,8 +52,7 @@ def test_the_inputs_of_a_forecast_are_told_with_age_and_quality():
     assert (heat.value, heat.unit) == (0.0, "W")
 
 
-def test_a_missing_output_is_bridged_by_prediction():
-    zone = worker()
+def test_a_missing_output_is_bridged_by_prediction(zone):
     run(zone, 10)
     updates = [zone.step(sample(k, y=NAN)) for k in (10, 11, 12)]
     assert [update.outcome for update in updates] == ["missing"] * 3
@@ -59,8 +62,7 @@ def test_a_missing_output_is_bridged_by_prediction():
     assert (back.outcome, back.segment) == ("assimilated", 1)
 
 
-def test_a_longer_gap_stalls_and_starts_a_new_segment():
-    zone = worker()
+def test_a_longer_gap_stalls_and_starts_a_new_segment(zone):
     run(zone, 10)
     balance = zone.carried.record.seconds
     for k in range(10, 14):
@@ -115,15 +117,13 @@ def test_intervals_that_never_came_count_as_missing():
     assert comparable(absent.step(sample(12))) == comparable(empty.step(sample(12)))
 
 
-def test_time_must_go_on():
-    zone = worker()
+def test_time_must_go_on(zone):
     run(zone, 3)
     with pytest.raises(ValueError, match="does not follow"):
         zone.step(sample(2))
 
 
-def test_a_sensor_that_jumps_for_good_starts_a_new_segment():
-    zone = worker()
+def test_a_sensor_that_jumps_for_good_starts_a_new_segment(zone):
     run(zone, 20)
     outcomes = [zone.step(sample(20 + k, y=60.0)) for k in range(VANISHED_LIMIT + 2)]
     assert [update.outcome for update in outcomes[: VANISHED_LIMIT - 1]] == ["vanished"] * (VANISHED_LIMIT - 1)
@@ -135,16 +135,14 @@ def test_a_sensor_that_jumps_for_good_starts_a_new_segment():
     assert outcomes[-1].forecast.outputs[0].mean == pytest.approx(60.0, abs=1.0)
 
 
-def test_samples_that_are_missing_in_between_do_not_hide_that_a_sensor_has_jumped():
-    zone = worker()
+def test_samples_that_are_missing_in_between_do_not_hide_that_a_sensor_has_jumped(zone):
     run(zone, 20)
     outcomes = [zone.step(sample(20 + k, y=60.0 if k % 2 == 0 else NAN)).outcome for k in range(2 * VANISHED_LIMIT)]
     assert outcomes[: 2 * VANISHED_LIMIT - 2] == ["vanished", "missing"] * (VANISHED_LIMIT - 1)
     assert outcomes[2 * VANISHED_LIMIT - 2] == "started"
 
 
-def test_a_single_outlier_is_passed_over():
-    zone = worker()
+def test_a_single_outlier_is_passed_over(zone):
     run(zone, 20)
     assert zone.step(sample(20, y=60.0)).outcome == "vanished"
     back = zone.step(sample(21))
