@@ -10,7 +10,7 @@ from replay.experiments.hours_ahead.answered import ANSWERED, SCHEDULED, Answere
 from replay.experiments.hours_ahead.direct import BLIND, BOOSTING, DIRECT, RIDGE, lightgbm, run_direct
 from replay.experiments.hours_ahead.forecasts import PERSISTENCE, YESTERDAY, PlainRun, leads_of, run_naive
 from replay.experiments.hours_ahead.recordings import Recording
-from replay.experiments.hours_ahead.runs import run_hours
+from replay.experiments.hours_ahead.runs import PLANNED, run_hours, run_planned
 from replay.experiments.jobs import Job
 from replay.experiments.request import Request, chosen
 from replay.experiments.series.filtering import FilterRun
@@ -26,7 +26,8 @@ _USUAL = (
 
 
 def seeded(contender: Contender) -> bool:
-    return contender.estimator in (*registry.ESTIMATORS, *ANSWERED) and contender.estimator not in DRAWS_NOTHING
+    name = contender.estimator
+    return name in (*registry.ESTIMATORS, PLANNED, *ANSWERED) and name not in DRAWS_NOTHING
 
 
 def contenders(request: Request) -> list[Contender]:
@@ -52,7 +53,7 @@ def named(text: str, place: str = "--contender") -> Contender:
     """NAME, or NAME:OPTIONS with the options of an estimator as between the braces of a TOML table; ReplayError, which
     begins with the `place` of `text`, for anything else."""
     name, _, given = text.partition(":")
-    known = (*NAIVE, *DIRECT, *ANSWERED, *registry.ESTIMATORS)
+    known = (*NAIVE, *DIRECT, PLANNED, *ANSWERED, *registry.ESTIMATORS)
     if name not in known:
         raise ReplayError(f"{place} {text}: there is no '{name}'; the contenders are {', '.join(known)}")
     if given and name not in registry.ESTIMATORS:
@@ -78,7 +79,10 @@ def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) 
         yield Job(recording.name, contender.label, seeds[0], work, run)
         return
     answers = contender.estimator in ANSWERED
-    estimator, options, where = BANK if answers else contender.estimator, contender.options, recording.whereabouts
+    planned = contender.estimator == PLANNED
+    estimator, options, where = contender.estimator, contender.options, recording.whereabouts
+    if answers or planned:
+        estimator = BANK
     if contender.estimator.startswith(SCHEDULED) and series.setpoints is None:
         return
     registry.resolve(estimator, recording.network, period, options)
@@ -87,4 +91,4 @@ def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) 
         if answers:
             yield Job(recording.name, contender.label, seed, run_answered, AnsweredRun(contender.estimator, zone))
         else:
-            yield Job(recording.name, contender.label, seed, run_hours, zone)
+            yield Job(recording.name, contender.label, seed, run_planned if planned else run_hours, zone)

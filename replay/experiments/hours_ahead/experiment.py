@@ -15,7 +15,7 @@ from replay.experiments.hours_ahead.direct import BLIND
 from replay.experiments.hours_ahead.figures import COVERAGE, CRPS, GAIN, LARGEST, LEARNED, LOSS, RMSE, SCORES, key
 from replay.experiments.hours_ahead.forecasts import FIRST_DAYS, LATER, PERSISTENCE, leads_of
 from replay.experiments.hours_ahead.recordings import Recording, recordings
-from replay.experiments.hours_ahead.runs import SAMPLES
+from replay.experiments.hours_ahead.runs import PLANNED, SAMPLES
 from replay.experiments.request import Request
 from replay.experiments.study import Contender, Results, Study, targets
 from replay.localtime import DAY, HOUR
@@ -157,7 +157,7 @@ def _of_bank(results: Results, known: Mapping[str, Recording]) -> Iterator[Verdi
     for name, recording in known.items():
         for horizon in leads_of(recording.period):
             own = results.values(name, BANK, key(CRPS, horizon))
-            rivals = [one for one in results.contenders if one not in (BANK, *ANSWERED)]
+            rivals = [one for one in results.contenders if one not in (BANK, PLANNED, *ANSWERED)]
             others = _means(results, name, key(CRPS, horizon), rivals)
             if own and others:
                 best = min(others, key=others.__getitem__)

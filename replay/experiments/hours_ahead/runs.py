@@ -1,13 +1,16 @@
 """An estimator over a recording, as a run: its forecasts of the next step and of the hours ahead."""
 
 import time
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+from estimator.bank.bank import answering_plan
 from estimator.network.assembly import assemble
 from estimator.network.discretise import heat_loss
 from estimator.network.network import Network
-from estimator.types import Mixture
+from estimator.types import Estimator, Mixture
 from estimator.verification.scores import crps
 from replay.experiments.hours_ahead.forecasts import issued, no_forecasts
 from replay.experiments.jobs import Arrays
@@ -18,11 +21,23 @@ SAMPLES = 200
 """What a filter's particles are reduced to before a fan is unfolded (`Estimator.issue`)."""
 _LEVELS = np.array([0.025, 0.5, 0.975])
 
+PLANNED = "planned"
+"""A bank whose hours ahead are those with which it answers a plan of heating, of that which followed."""
+
 
 def run_hours(run: FilterRun) -> Arrays:
     """The arrays of `Forecasts` (K, H) at the leads of `run`, and of what is learned the .025, .5 and .975 quantiles
     `gain` (K, 3) [W]; `heat_loss` (D,) of the median parameters to the first boundary [W/K], once a day at
     `heat_loss_rows` (D,); `seconds` ()."""
+    return _run(run, lambda _, state: state)
+
+
+def run_planned(run: FilterRun) -> Arrays:
+    """The same of PLANNED."""
+    return _run(run, answering_plan)
+
+
+def _run(run: FilterRun, asked: Callable[[Estimator, Any], Any]) -> Arrays:
     began = time.perf_counter()
     estimator, known, _ = built(run)
     series, rows = run.series, len(run.series.times)
@@ -44,7 +59,7 @@ def run_hours(run: FilterRun) -> Arrays:
         if places := {lead: place for place, lead in enumerate(run.leads) if step.row in due.get(lead, ())}:
             # What a controller would plan with, had it known the inputs: those that really followed.
             plan = drive[step.row + 1 : step.row + max(places)]
-            fan = estimator.unfold(estimator.issue(step.state, SAMPLES), plan)
+            fan = estimator.unfold(estimator.issue(asked(estimator, step.state), SAMPLES), plan)
             for lead, mixture in enumerate(fan.each(), start=1):
                 if lead in places:
                     keep(step.row + lead, places[lead], mixture)

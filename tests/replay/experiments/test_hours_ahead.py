@@ -335,13 +335,14 @@ def test_verdicts_follow_from_the_numbers(building: Path) -> None:
 
 def test_a_configuration_brings_its_recording(tmp_path: Path) -> None:
     config = str(ROOT / "deploy/examples/generic-csv.toml")
-    few = [word for name in ("persistence", "mkf:particles=16", "bank") for word in ("--contender", name)]
+    few = [word for name in ("persistence", "mkf:particles=16", "bank", "planned") for word in ("--contender", name)]
     out = experiment(tmp_path, "--config", config, "--seeds", "2", *few)
     table = rows_of(out / "crps-after-three-days.csv")
     assert [row["ahead"] for row in table] == ["1 step", "1 h", "6 h"], "two days are too short for 24 h"
     assert {row["recording"] for row in table} == {"room-1"}
     assert all(float(row["mkf:particles=16"]) > 0 for row in table)
     assert all(row["bank (sd)"] for row in table), "two seeds"
+    assert [row["planned"] == row["bank"] for row in table] == [True, False, False], "hours ahead others answer"
 
 
 def test_a_zone_that_leaves_its_estimator_as_it_is_adds_no_contender() -> None:
