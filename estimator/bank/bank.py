@@ -22,6 +22,7 @@ from estimator.arrays import HOUR, Array, Indices, together, under
 from estimator.bank.coverage import Widths, no_widths, with_place
 from estimator.bank.mixing import mixed, mixed_futures, stretched
 from estimator.bank.options import BankOptions, prior_at
+from estimator.bank.residuals import Corrector, Residuals
 from estimator.bank.weights import Costs, between, costs_of, no_costs, weights, with_cost
 from estimator.blackbox.arx import ARX
 from estimator.blackbox.direct import Direct
@@ -74,6 +75,8 @@ class BankState(NamedTuple):
     pending: Pending
     costs: Costs
     widths: Widths
+    residuals: Residuals
+    """Of the members that answer plans."""
     lost: Array
     """(E,): samples in a row that each member could not explain."""
     phase: Array
@@ -124,6 +127,8 @@ class Bank(OneState):
         """What of the bank's drive row drives every member's network."""
         self.leads = (1, *(lead for lead in self._hindsight.leads if lead > 1))
         """Steps ahead of the horizons at which weights and widths are learned."""
+        answering = np.flatnonzero(self.plans).tolist()
+        self._corrector = Corrector(self.network, period, self.leads, answering)
         hours = self._ahead = np.array(self.leads) * period / HOUR
         """The leads in hours."""
         self._hours = np.where(np.arange(len(hours)) == 0, hours, self._hindsight.every * period / HOUR)
@@ -150,6 +155,7 @@ class Bank(OneState):
             pending=self._hindsight.start(),
             costs=no_costs(len(members), len(self.leads)),
             widths=no_widths(len(self.leads)),
+            residuals=self._corrector.start(outputs),
             lost=np.zeros(len(members)),
             phase=np.array(seed % 3600, dtype=np.int64),
         )
@@ -160,7 +166,12 @@ class Bank(OneState):
             member.restart(own, outputs, inputs[columns])
             for member, own, columns in zip(self.members, state.members, self._columns, strict=True)
         )
-        return state._replace(members=members, pending=self._hindsight.start(), lost=np.zeros(len(members)))
+        return state._replace(
+            members=members,
+            pending=self._hindsight.start(),
+            residuals=self._corrector.restart(state.residuals, outputs),
+            lost=np.zeros(len(members)),
+        )
 
     def predict(self, state: BankState, inputs: Array) -> BankState:
         """One period on under `inputs` (n_u,) held over the step."""
@@ -173,7 +184,7 @@ class Bank(OneState):
             return np.vstack([self._weights(state), np.exp(state.widths.log_scale), self._reaches(state)])
 
         pending = self._hindsight.advance(state.pending, inputs, members, int(state.phase), now)
-        return state._replace(members=members, pending=pending)
+        return state._replace(members=members, pending=pending, residuals=self._corrector.predict(state.residuals))
 
     def predictive(self, state: BankState) -> Mixture:
         """The members' distributions of the outputs (n_y,), weighted and scaled for one step."""
@@ -185,11 +196,13 @@ class Bank(OneState):
         vanished = np.array([posterior.outcome is Outcome.VANISHED for posterior in posteriors])
         known = bool(np.isfinite(outputs).any()) and not vanished.all()
         due = tuple(self._hindsight.due(state.pending)) if known else ()
+        believed = outputs if known else np.full_like(outputs, np.nan)
+        residuals, due = self._corrector.judged(state.residuals, due, state.pending.inputs, believed)
         bounds = self._bounds(state) if due else None
         verified = tuple(Verified(one.lead, self._published(one, bounds)) for one in due)
         before = self._weights(state)
         after = self._learned(state, before, outputs, due, verified) if known else state
-        after = self._members_after(after, posteriors, vanished, outputs, due)
+        after = self._members_after(after._replace(residuals=residuals), posteriors, vanished, outputs, due)
         now = self._weights(after)
         best = self._most_trusted(now)
         return posteriors[self._voice]._replace(
@@ -277,11 +290,16 @@ class Bank(OneState):
         chosen, leads = np.flatnonzero(shares.max(axis=1) >= _NEGLIGIBLE), np.asarray(after + 1.0)
         shares = shares[chosen][:, after - 1]
         shares = shares / shares.sum(axis=0)
+        corrections = self._corrector.corrections(state.residuals, plan, after)
         futures = []
         for place in chosen.tolist():
             member = self.members[place]
             issue = member.issue(state.members[place], self.options.scenarios)
-            futures.append(member.unfold(issue, plan[:, self._columns[place]]).during(after))
+            future = member.unfold(issue, plan[:, self._columns[place]]).during(after)
+            if place in self._corrector.members:
+                by = corrections[self._corrector.members.index(place)].T
+                future = future._replace(means=future.means + by[..., None])
+            futures.append(future)
         scales, reaches = (between(row, self.leads, leads) for row in (state.widths.log_scale, self._reaches(state)))
         return mixed_futures(futures, shares, np.exp(scales), reaches, self._bounds(state))
 
@@ -326,6 +344,7 @@ class Bank(OneState):
         """The arrays of a state, by name."""
         pending, members = self._hindsight.pack(state.pending), zip(self.members, state.members, strict=True)
         parts = {"costs.": state.costs._asdict(), "widths.": state.widths._asdict(), "pending.": pending}
+        parts["residuals."] = state.residuals._asdict()
         parts |= {f"member.{place}.": member.pack(own) for place, (member, own) in enumerate(members)}
         return {"lost": state.lost, "phase": state.phase} | together(parts)
 
@@ -334,6 +353,8 @@ class Bank(OneState):
         pending = self._hindsight.unpack(under("pending.", arrays))
         # Before there was a reach, nothing held the members together.
         issues = tuple(_with_reach(issue, len(self.members) + 2) for issue in pending.issues)
+        # Nor was anybody corrected.
+        residuals, unknown = under("residuals.", arrays), np.full(len(self.network.measured), np.nan)
         return BankState(
             members=tuple(
                 member.unpack(under(f"member.{place}.", arrays)) for place, member in enumerate(self.members)
@@ -341,6 +362,7 @@ class Bank(OneState):
             pending=pending._replace(issues=issues),
             costs=Costs(**under("costs.", arrays)),
             widths=Widths(**under("widths.", arrays)),
+            residuals=Residuals(**residuals) if residuals else self._corrector.start(unknown),
             lost=arrays["lost"],
             phase=arrays["phase"],
         )

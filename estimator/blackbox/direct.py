@@ -20,6 +20,7 @@ from numba import njit
 from estimator.arrays import DAY, HOUR, Array
 from estimator.blackbox.options import DirectOptions
 from estimator.blackbox.regression import FARTHEST, LEVEL, Regression
+from estimator.blackbox.ridge import fitted, trusts
 from estimator.network.network import Network
 from estimator.types import Mixture, Mixtures, Outcome, Posterior
 
@@ -131,6 +132,7 @@ class Direct(Regression):
         self._like = np.where(far, mirrored, np.arange(len(hours)) - 1)
         self._believed = np.where(far, 0.0, _BELIEVED)
         """(L,): share of a foretold change that is believed before any was verified."""
+        self._doubted = np.full(len(self._leads), _DOUBTED * self._day)
         windows = np.array([max(1, round(hours * HOUR / period)) for hours in (*_PAST, *_LAST, *_CHANGES)])
         self._grid = _Grid(self._leads, windows, self._day, self.level, self._scale, not options.blind)
         means = len(_PAST) + (1 + len(_LAST)) * self._grid.foresees
@@ -205,7 +207,7 @@ class Direct(Regression):
         )  # fmt: skip
         learned = DirectState(past, known, *state[2:4], moments, *state[5:7], verified, seen)
         if state.fitted >= self._day:
-            fresh = _fitted(moments, self._least, self.options.penalty_days * self._day, self._prior)
+            fresh = fitted(moments, self._least, self.options.penalty_days * self._day, self._prior)
             coefficients = np.stack([fresh, state.coefficients[0]])
             learned = learned._replace(coefficients=coefficients, fitted=np.zeros_like(state.fitted))
         log_likelihood = float(-0.5 * ((errors / sds) ** 2).sum() - np.log(sds * np.sqrt(2.0 * np.pi)).sum())
@@ -248,7 +250,7 @@ class Direct(Regression):
 
     def _trust(self, state: DirectState) -> Array:
         """(n_y, L): what share of a foretold change has come true."""
-        return _trusts(state.verified, _DOUBTED * self._day, self._believed)
+        return trusts(state.verified, self._doubted, self._believed)
 
     def _sds(self, state: DirectState) -> Array:
         """(n_y, L): standard deviations [K] at the leads, from the errors of verified forecasts."""
@@ -298,19 +300,6 @@ def _sums(inputs, grid):  # type: ignore[no-untyped-def]
     for k in range(len(inputs)):
         for j in range(len(grid.level)):
             found[k + 1, j] = found[k, j] + (inputs[k, j] - grid.level[j]) / grid.scale[j]
-    return found
-
-
-@njit(cache=True, nogil=True)
-def _trusts(verified, doubted, believed):  # type: ignore[no-untyped-def]
-    """(n_y, L): shares of foretold changes that came true, beside `doubted` forecasts that foretold as much as changed,
-    and of which the share `believed` (L,) did."""
-    found = np.empty(verified.shape[:2])
-    for i in range(verified.shape[0]):
-        for n in range(verified.shape[1]):
-            number, product, square, real = verified[i, n, 0], verified[i, n, 1], verified[i, n, 2], verified[i, n, 3]
-            doubt = doubted * real / max(number, 1.0)
-            found[i, n] = min(max((product + believed[n] * doubt) / max(square + doubt, 1e-12), 0.0), 1.0)
     return found
 
 
@@ -457,52 +446,3 @@ def _learn(outputs, measured, inputs, grid, step, known, learned, memory):  # ty
                 for b in range(len(row)):
                     moments[i, n, a, b] = forgetting * moments[i, n, a, b] + row[a] * row[b]
                 moments[i, n, a, len(row)] = forgetting * moments[i, n, a, len(row)] + row[a] * real
-
-
-@njit(cache=True, nogil=True)
-def _fitted(moments, least, penalty, prior):  # type: ignore[no-untyped-def]
-    """Coefficients (n_y, L, p) of the ridge regressions, drawn to the `prior` (L, p) as by `penalty` samples."""
-    outputs, leads, width = moments.shape[:3]
-    found = np.zeros((outputs, leads, width))
-    matrix, right = np.empty((width - 1, width - 1)), np.empty(width - 1)
-    for i in range(outputs):
-        for n in range(leads):
-            whole = moments[i, n, 0, 0]
-            if whole <= 0.0:
-                found[i, n] = prior[n]
-                continue
-            means = moments[i, n, 0] / whole
-            for a in range(1, width):
-                for b in range(1, width):
-                    matrix[a - 1, b - 1] = moments[i, n, a, b] / whole - means[a] * means[b]
-                right[a - 1] = moments[i, n, a, width] / whole - means[a] * means[width]
-            for a in range(1, width):
-                drawn = max(matrix[a - 1, a - 1], least[a]) * penalty / whole
-                matrix[a - 1, a - 1] += drawn
-                right[a - 1] += drawn * prior[n, a]
-            own = _solved(matrix, right)
-            found[i, n, 1:] = own
-            found[i, n, 0] = means[width] - np.sum(means[1:width] * own)
-    return found
-
-
-@njit(cache=True, nogil=True)
-def _solved(matrix, right):  # type: ignore[no-untyped-def]
-    """The solution (n,) of a positive definite system, by Cholesky factors in a fixed order of sums."""
-    size = len(right)
-    factor, found = np.zeros((size, size)), right.copy()
-    for a in range(size):
-        for b in range(a + 1):
-            total = matrix[a, b]
-            for c in range(b):
-                total -= factor[a, c] * factor[b, c]
-            factor[a, b] = np.sqrt(max(total, 1e-12)) if a == b else total / factor[b, b]
-    for a in range(size):
-        for c in range(a):
-            found[a] -= factor[a, c] * found[c]
-        found[a] /= factor[a, a]
-    for a in range(size - 1, -1, -1):
-        for c in range(a + 1, size):
-            found[a] -= factor[c, a] * found[c]
-        found[a] /= factor[a, a]
-    return found

@@ -18,6 +18,16 @@ _CLOUDS = 100.0
 """% that clouds vary by."""
 
 
+def levels_and_scales(network: Network) -> tuple[Array, Array]:
+    """What each input of `network` counts from, and what it varies by: (n_u,) and (n_u,)."""
+    units = [network.channel_unit(channel) for channel in network.inputs]
+    scales = [
+        _CLOUDS if channel == network.clouds else _SCALE.get(unit, 1.0)
+        for channel, unit in zip(network.inputs, units, strict=True)
+    ]
+    return np.array([LEVEL * (unit == "degC") for unit in units]), np.array(scales)
+
+
 class Regression(OneState):
     """A model of one zone that knows nothing of heat, without the moves. See `estimator.types.Estimator`."""
 
@@ -26,17 +36,8 @@ class Regression(OneState):
     def __init__(self, network: Network, period: float) -> None:
         self.network = network.validate()
         self.period = period
-        units = [network.channel_unit(channel) for channel in network.inputs]
         self._nothing = np.full(len(network.parameters), np.nan)
-        self._scale = np.array(
-            [
-                _CLOUDS if channel == network.clouds else _SCALE.get(unit, 1.0)
-                for channel, unit in zip(network.inputs, units, strict=True)
-            ]
-        )
-        """(n_u,): what every input varies by."""
-        self.level = np.array([LEVEL * (unit == "degC") for unit in units])
-        """(n_u,): what it counts from."""
+        self.level, self._scale = levels_and_scales(network)
 
     def parameters(self, state: Any, levels: Array) -> ParameterSummary:
         """Not a number throughout: the model has no parameters of a building."""

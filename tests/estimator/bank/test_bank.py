@@ -99,6 +99,9 @@ def played(bank, outputs, state=None):
 
 def test_every_horizon_trusts_who_is_good_at_it():
     members = {"sprinter": SomeForecaster(0.0, 1.0, NOISE), "stayer": SomeForecaster(1.0, 0.0, NOISE)}
+    for member in members.values():
+        # Who answers plans would be corrected.
+        member.physical = False
     bank = bank_of(members)
     state, _, _ = played(bank, samples(600))
     weights = bank.member_weights(state)
@@ -421,7 +424,7 @@ def test_no_forecast_leaves_what_the_room_can_do_but_under_a_plan_of_heat():
     verified = [one.mixture.mean()[0] for posterior in posteriors for one in posterior.verified]
     assert len(verified) > 100
     assert max(verified) <= high
-    assert unfolded(bank, answering_plan(bank, state), plan)[-1].mean()[0] == pytest.approx(60.0)
+    assert unfolded(bank, answering_plan(bank, state), plan)[-1].mean()[0] > high + 20.0
 
 
 @pytest.mark.parametrize("prior", [0, [1, 1], [1, 1, 1, -1], "much", [1, 1, 1, True]])
