@@ -64,7 +64,7 @@ def _create(config: Config, arguments: argparse.Namespace) -> None:
     from adapters.fields.values import identifier
     from service.errors import ConfigError
     from service.store.audit import note
-    from service.web.keys import create_key
+    from service.web.keys import create_key, read_keys
 
     zones = None if arguments.zone is None else list(dict.fromkeys(arguments.zone))
     require_zones(config, zones or (), "--zone")
@@ -73,8 +73,11 @@ def _create(config: Config, arguments: argparse.Namespace) -> None:
     except ValueError as error:
         raise ConfigError([f"NAME: {error}"]) from None
     expires = None if arguments.expires is None else _expiry(arguments.expires)
+    first = not read_keys(config.keys_file)
     secret = create_key(config.keys_file, name, arguments.scope, zones, expires)
     note(config.site.state_dir, "key", f"key '{name}' with the scope {arguments.scope} is created")
+    if first:
+        print("from this first key on, REST is not read without one, not even on this machine", file=sys.stderr)
     print(f"key '{name}' is in {config.keys_file}; this is the only time that it is shown:", file=sys.stderr)
     print(secret)
 

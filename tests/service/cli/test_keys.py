@@ -25,7 +25,7 @@ def test_create_prints_the_key_alone_on_stdout(config: Path, capsys: Capture) ->
     assert keys("create", config, "grafana", "--scope", "read", "--zone", "living") == 0
     shown = capsys.readouterr()
     assert re.fullmatch(r"tg_[\w-]{43}\n", shown.out), "so that it can be piped into a file"
-    assert "only time" in shown.err
+    assert ("only time" in shown.err, "REST is not read without one" in shown.err) == (True, True)
     assert shown.out.strip() not in shown.err
     key = KeyRing(config.parent / "secrets" / "keys.json", required=False).find(shown.out.strip())
     assert (key.name, key.scope, key.zones) == ("grafana", "read", ("living",))
@@ -36,12 +36,14 @@ def test_list_and_revoke(config: Path, capsys: Capture) -> None:
     assert capsys.readouterr().out.startswith("no keys in ")
     assert keys("create", config, "mpc", "--scope", "admin", "--expires", "2099-01-31T00:00:00+01:00") == 0
     assert keys("create", config, "old", "--scope", "read", "--expires", "90d") == 0
-    secret = capsys.readouterr().out.splitlines()[0]
+    shown = capsys.readouterr()
+    assert shown.err.count("REST is not read without one") == 1
+    secret = shown.out.splitlines()[0]
     assert keys("revoke", config, "old") == 0
     assert "'old' is revoked" in capsys.readouterr().out
     assert keys("list", config) == 0
-    shown = capsys.readouterr().out
-    assert re.search(r"^mpc +admin +all +\S+Z +2099-01-30T23:00:00Z +active$", shown, re.MULTILINE)
-    assert re.search(r"^old +read +all .* revoked$", shown, re.MULTILINE)
-    assert secret not in shown
+    listed = capsys.readouterr().out
+    assert re.search(r"^mpc +admin +all +\S+Z +2099-01-30T23:00:00Z +active$", listed, re.MULTILINE)
+    assert re.search(r"^old +read +all .* revoked$", listed, re.MULTILINE)
+    assert secret not in listed
     assert keys("revoke", config, "old") == 1
