@@ -353,8 +353,13 @@ class Bank(OneState):
         pending = self._hindsight.unpack(under("pending.", arrays))
         # Before there was a reach, nothing held the members together.
         issues = tuple(_with_reach(issue, len(self.members) + 2) for issue in pending.issues)
-        # Nor was anybody corrected.
-        residuals, unknown = under("residuals.", arrays), np.full(len(self.network.measured), np.nan)
+        # Nor was anybody corrected; and other members may answer plans since.
+        told, residuals = (
+            under("residuals.", arrays),
+            self._corrector.start(np.full(len(self.network.measured), np.nan)),
+        )
+        if told and np.array_equal(told["members"], residuals.members):
+            residuals = Residuals(**told)
         return BankState(
             members=tuple(
                 member.unpack(under(f"member.{place}.", arrays)) for place, member in enumerate(self.members)
@@ -362,7 +367,7 @@ class Bank(OneState):
             pending=pending._replace(issues=issues),
             costs=Costs(**under("costs.", arrays)),
             widths=Widths(**under("widths.", arrays)),
-            residuals=Residuals(**residuals) if residuals else self._corrector.start(unknown),
+            residuals=residuals,
             lost=arrays["lost"],
             phase=arrays["phase"],
         )

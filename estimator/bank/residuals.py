@@ -54,6 +54,8 @@ class Residuals(NamedTuple):
     squares of both [K^2]."""
     largest: Array
     """(M, n_y, H): the largest error so far [K]."""
+    members: Array
+    """(M,): places in the bank of those that are corrected."""
 
 
 class Corrector:
@@ -90,6 +92,7 @@ class Corrector:
             fitted=np.array(0, dtype=np.int64),
             verified=np.zeros((*shape, 4)),
             largest=np.zeros(shape),
+            members=np.array(self.members, dtype=np.int64),
         )
 
     def restart(self, known: Residuals, outputs: Array) -> Residuals:
@@ -143,7 +146,8 @@ class Corrector:
             flat = moments.reshape(-1, *moments.shape[2:])
             fresh = fitted(flat, self._least, self._penalty, self._none).reshape(coefficients.shape[1:])
             coefficients, age = np.stack([fresh, coefficients[0]]), np.zeros_like(age)
-        return Residuals(past, moments, coefficients, age, verified, largest), tuple(corrected)
+        after = Residuals(past, moments, coefficients, age, verified, largest, known.members)
+        return after, tuple(corrected)
 
     def _regressors(self, outputs: Array, origin: int, drive: Array, after: Indices) -> Array:
         """(n_y, L, p): those of forecasts from the sample at the place `origin` of `outputs` (n_y, D), after so many

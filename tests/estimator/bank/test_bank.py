@@ -306,6 +306,13 @@ def test_pending_forecasts_from_before_members_were_held_together_come_true():
     assert all(np.isfinite(one.mixture.mean()).all() for one in told)
 
 
+def test_members_that_answer_plans_may_change_under_stored_state():
+    members = [SMALL | {"free": SMALL["free"] | {"plans": plans}} for plans in (True, False)]
+    bank, other = (build("bank", NETWORK, PERIOD, {"members": each}) for each in members)
+    state = other.unpack(bank.pack(walked(bank, started(bank), 0, 60)))
+    assert walked(other, state, 60, 70).residuals.members.tolist() == [0, 2]
+
+
 def test_what_nobody_can_explain_changes_nothing_that_was_learned():
     bank = bank_of({"a": SomeForecaster(0.0, 0.0, NOISE, deaf=True), "b": SomeForecaster(0.0, 0.0, NOISE, deaf=True)})
     state, posteriors, _ = played(bank, samples(3))
