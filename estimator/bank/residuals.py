@@ -108,9 +108,8 @@ class Corrector:
         """(M, n_y, L): to add to what is forecast [K] after so many rows (L,) of `drive` (h, n), from the state's time
         on, one step after the last sample."""
         rows = self._regressors(known.outputs, known.outputs.shape[1] - 2, drive, after)
-        told = (known.coefficients[0][:, :, :, None] * rows[:, None]).sum(axis=-1)
-        limit = known.largest[..., None]
-        made = self._trusts(known)[..., None] * np.clip(told, -limit, limit)
+        told = _told(known.coefficients[0][:, :, :, None], rows[:, None], known.largest[..., None])
+        made = self._trusts(known)[..., None] * told
         shares = between(np.eye(len(self._leads)), self._leads, np.asarray(after + 1.0))
         return np.asarray((made * shares).sum(axis=2))
 
@@ -129,7 +128,7 @@ class Corrector:
             origin = past.shape[1] - 1 - one.lead
             rows = self._regressors(past, origin, drive[len(drive) - rest :], np.array([rest]))[:, 0]
             then = known.coefficients[0 if one.lead <= age else 1][:, :, n]
-            told = np.clip((then * rows).sum(axis=-1), -known.largest[:, :, n], known.largest[:, :, n])
+            told = _told(then, rows, known.largest[:, :, n])
             errors = np.array([outputs - one.mixtures[place].mean() for place in self.members])
             mixtures = list(one.mixtures)
             for m, place in enumerate(self.members):
@@ -165,6 +164,11 @@ class Corrector:
         """(M, n_y, H): share of a correction that has come true."""
         flat = known.verified.reshape(-1, *known.verified.shape[2:])
         return np.asarray(trusts(flat, self._doubted, np.zeros(len(self._leads)))).reshape(known.largest.shape)
+
+
+def _told(coefficients: Array, rows: Array, largest: Array) -> Array:
+    """What `coefficients` (..., p) foretell from regressors `rows` (..., p), within the `largest` error."""
+    return np.clip((coefficients * rows).sum(axis=-1), -largest, largest)
 
 
 def _moved(mixture: Mixture, by: Array) -> Mixture:

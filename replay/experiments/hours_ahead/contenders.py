@@ -78,17 +78,14 @@ def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) 
         run = PlainRun(contender.estimator, series, period, leads, seeds[0])
         yield Job(recording.name, contender.label, seeds[0], work, run)
         return
-    answers = contender.estimator in ANSWERED
-    planned = contender.estimator == PLANNED
-    estimator, options, where = contender.estimator, contender.options, recording.whereabouts
-    if answers or planned:
-        estimator = BANK
-    if contender.estimator.startswith(SCHEDULED) and series.setpoints is None:
+    asked, options, where = contender.estimator, contender.options, recording.whereabouts
+    estimator = BANK if asked in (PLANNED, *ANSWERED) else asked
+    if asked.startswith(SCHEDULED) and series.setpoints is None:
         return
     registry.resolve(estimator, recording.network, period, options)
     for seed in seeds if seeded(contender) else seeds[:1]:
         zone = FilterRun(estimator, options, recording.network, period, series, seed, where, leads)
-        if answers:
-            yield Job(recording.name, contender.label, seed, run_answered, AnsweredRun(contender.estimator, zone))
+        if asked in ANSWERED:
+            yield Job(recording.name, contender.label, seed, run_answered, AnsweredRun(asked, zone))
         else:
-            yield Job(recording.name, contender.label, seed, run_planned if planned else run_hours, zone)
+            yield Job(recording.name, contender.label, seed, run_planned if asked == PLANNED else run_hours, zone)
