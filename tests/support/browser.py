@@ -30,18 +30,21 @@ def eventually(page: Any, condition: str, argument: object = None) -> None:
     content security policy forbids."""
     deadline = time.monotonic() + PATIENCE
     while not page.evaluate(condition, argument):
-        assert time.monotonic() < deadline, f"never true: {condition}"
+        assert time.monotonic() < deadline, f"never true: {condition}; the page says {page.inner_text('body')}"
         page.wait_for_timeout(20)
 
 
 def drag(page: Any, selector: str, begin: tuple[float, float], end: tuple[float, float]) -> None:
     """Move the pressed mouse from one place of an element to another; places are shares of its width and height."""
-    page.locator(selector).scroll_into_view_if_needed()
-    box = page.locator(selector).bounding_box()
-    places = [(box["x"] + x * box["width"], box["y"] + y * box["height"]) for x, y in (begin, end)]
-    page.mouse.move(*places[0])
-    page.mouse.down()
-    page.mouse.move(*places[1], steps=20)
+    area = page.locator(selector)
+    # What comes late moves what is below it, and a press beside the element does nothing.
+    while not area.evaluate("node => node.matches(':active')"):
+        page.mouse.up()
+        size = area.bounding_box()
+        area.hover(position={"x": begin[0] * size["width"], "y": begin[1] * size["height"]})
+        page.mouse.down()
+    box = area.bounding_box()
+    page.mouse.move(box["x"] + end[0] * box["width"], box["y"] + end[1] * box["height"], steps=20)
     page.mouse.up()
 
 

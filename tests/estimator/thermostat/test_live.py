@@ -205,8 +205,7 @@ def test_a_black_box_has_no_answer_to_a_plan_of_set_points():
     zone = Zone("arx").run(data, 0, 3 * DAILY)
     assert len(zone.thermostat.laws.column) == 1
     rows = np.tile(zone.before, (DAILY, 1))
-    plan = np.full(DAILY, 20.0)
-    assert zone.forecasts.planned(zone.live, zone.now(), plan, ahead(rows)) is None
+    assert zone.forecasts.planned(zone.live, zone.now(), np.full(DAILY, 20.0), ahead(rows)) is None
     fan = zone.forecasts.unplanned(zone.live, zone.now(), ahead(rows))
     assert len(fan.outputs.means) == DAILY + 1
 

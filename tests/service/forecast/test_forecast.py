@@ -66,8 +66,7 @@ def test_scenarios_of_a_model_without_physics_are_refused(workers):
     few = question(3)._replace(scenarios=5)
     with pytest.raises(NoModel, match="it knows no physics"):
         asked(workers["arx"], few)
-    fan = asked(workers["ekf"], few)
-    assert fan.outputs[0].scenarios.shape == (5, 4)
+    assert asked(workers["ekf"], few).outputs[0].scenarios.shape == (5, 4)
 
 
 def test_what_a_neighbour_does_is_shifted_to_when_the_forecast_begins():

@@ -112,8 +112,7 @@ def test_a_room_that_cools_down_over_the_first_night_or_a_weekend_is_not_too_war
     found = answers(asked(worker, PAST._replace(setpoint=setpoint, temperature=cooling)))["comfort"]
     assert " 0 h too warm" in found.sentence
     assert highest(np.array([np.nan, 17.0, 21.0, 15.0]), 86_400.0).tolist() == [21.0] * 4
-    month = np.repeat([22.0, 20.0], 10)
-    assert highest(month, 86_400.0).tolist() == [22.0] * 16 + [20.0] * 4
+    assert highest(np.repeat([22.0, 20.0], 10), 86_400.0).tolist() == [22.0] * 16 + [20.0] * 4
 
 
 def test_half_hours_are_rounded_as_the_page_rounds_them(worker):

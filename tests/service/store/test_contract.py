@@ -226,8 +226,7 @@ async def test_the_newest_three_checkpoints_are_kept_whole_and_a_damaged_one_is_
         np.testing.assert_array_equal(found.arrays["x"], np.arange(5.0) + 400)
         kept.damage_checkpoint(400)
         for _ in range(2):
-            again = store.checkpoints.load("z", "f")
-            assert again.step == 300
+            assert store.checkpoints.load("z", "f").step == 300
     assert caplog.text.count("is damaged") == 1
 
 

@@ -42,8 +42,7 @@ async def test_it_is_read_as_its_owner_has_written_it_and_left_so(kept: Kept) ->
                 assert state.journal.samples_ahead("z", times[0]) == 1
                 assert state.journal.last_sample_time("z") == times[1]
                 assert len(state.journal.history("z", None, None, 9)) == 2
-                found = state.checkpoint("z", "f")
-                assert found.step == times[0], "the damaged one is left out"
+                assert state.checkpoint("z", "f").step == times[0], "the damaged one is left out"
                 assert state.checkpoint("z", "another") is None
                 with pytest.raises((Fenced, JournalError)):
                     state.journal.append_all([("z", make_sample(2))])
