@@ -71,8 +71,7 @@ async def plumbing(folder, announcer=None, checkpoint_every=1e9, store=None):
     store, pool, asking = store or Store(folder), ThreadPoolExecutor(2), ThreadPoolExecutor(1)
     try:
         stopping = threading.Event()
-        questions = Questions(asking, stopping)
-        yield Plumbing("site", store, pool, questions, stopping, metrics, sinks, checkpoint_every)
+        yield Plumbing("site", store, pool, Questions(asking, stopping), stopping, metrics, sinks, checkpoint_every)
     finally:
         asking.shutdown()
         pool.shutdown()
@@ -81,6 +80,13 @@ async def plumbing(folder, announcer=None, checkpoint_every=1e9, store=None):
 
 def make(shared, failures=None, name="z", error=None):
     return Zone(name, "rbpf", "mark", Shown(worker(), poison(failures or {}, error)), shared)
+
+
+@asynccontextmanager
+async def alone(folder, announcer=None):
+    """A zone, and what it needs in `folder`."""
+    async with plumbing(folder, announcer) as shared:
+        yield make(shared), shared
 
 
 async def fed(zone, items):

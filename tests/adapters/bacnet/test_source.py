@@ -93,8 +93,7 @@ async def test_a_subscription_brings_changes_and_polling_stops(monkeypatch):
     monkeypatch.setattr(adapters.bacnet.session, "CONFIRM", 3600.0)
     port, peer = one_device(None)
     air = peer.add(value=20.0)
-    bms = source(port, [channel(stuck_after=3600.0, cov=True)])
-    async with serving(peer), aclosing(bms.batches(None)) as stream:
+    async with serving(peer), aclosing(source(port, [channel(stuck_after=3600.0, cov=True)]).batches(None)) as stream:
         while "SubscribeCOVRequest" not in peer.asked:
             await anext(stream)
         for _ in range(3):
@@ -157,29 +156,21 @@ async def test_values_that_cannot_be_used():
     peer.add("analog-input,4", reliability="noSensor")
     peer.add("analog-input,5", outOfService=True)
     peer.add("analog-input,6", overridden=True)
-    channels = [
-        channel("sensor", "analog-input,4"),
-        channel("service", "analog-input,5"),
-        channel("overridden", "analog-input,6"),
-        channel("unit", "analog-input,1"),
-        channel("ignored", "analog-input,1", compare_units=False),
-        channel("nan", "analog-input,2"),
-        channel("range", "analog-input,3"),
-        channel("missing", "analog-input,9"),
-    ]
-    async with serving(peer):
-        batches = await collect(source(port, channels), bool)
-    assert [one.channel for one in batches[0].readings if one.quality is Quality.UNCERTAIN] == ["z/overridden"]
-    assert values(batches) == {
-        "z/sensor": Fault.REPORTED_BAD,
-        "z/service": Fault.REPORTED_BAD,
-        "z/overridden": 21.5,
-        "z/unit": Fault.WRONG_UNIT,
-        "z/ignored": 71.5,
-        "z/nan": Fault.NOT_FINITE,
-        "z/range": Fault.OUT_OF_RANGE,
-        "z/missing": Fault.REFUSED_BY_DEVICE,
+    expected = {
+        "sensor": ("analog-input,4", Fault.REPORTED_BAD),
+        "service": ("analog-input,5", Fault.REPORTED_BAD),
+        "overridden": ("analog-input,6", 21.5),
+        "unit": ("analog-input,1", Fault.WRONG_UNIT),
+        "nan": ("analog-input,2", Fault.NOT_FINITE),
+        "range": ("analog-input,3", Fault.OUT_OF_RANGE),
+        "missing": ("analog-input,9", Fault.REFUSED_BY_DEVICE),
     }
+    channels = [channel(name, object) for name, (object, _) in expected.items()]
+    ignored = channel("ignored", "analog-input,1", compare_units=False)
+    async with serving(peer):
+        batches = await collect(source(port, [*channels, ignored]), bool)
+    assert [one.channel for one in batches[0].readings if one.quality is Quality.UNCERTAIN] == ["z/overridden"]
+    assert values(batches) == {f"z/{name}": value for name, (_, value) in expected.items()} | {"z/ignored": 71.5}
 
 
 async def test_a_refused_object_loses_its_channel_only_and_is_asked_for_again(caplog):

@@ -20,6 +20,13 @@ BEGIN = int(time.time() - 2 * 86400) // 7200 * 7200
 """UTC s: Prometheus keeps blocks of two hours, and two weeks of them."""
 
 MINUTES = 180
+ROOMS = [
+    (room, minute, level + 0.01 * minute)
+    for room, level in (("101", 20.0), ("102", 22.0))
+    for minute in range(MINUTES)
+    if not 60 <= minute < 90
+]
+"""Room, minutes since BEGIN and temperature."""
 
 
 def source(database, query, *, minutes=MINUTES, step=60.0, **keys):
@@ -36,12 +43,7 @@ def readings(*asked, start=None, **keys):
 
 def exposed(scale=1):
     """Two rooms and a meter as Prometheus writes them; `scale` is the times' per second."""
-    rooms = [
-        f'room_temperature{{room="{room}"}} {level + 0.01 * minute:.2f} {scale * (BEGIN + 60 * minute)}'
-        for room, level in (("101", 20.0), ("102", 22.0))
-        for minute in range(MINUTES)
-        if not 60 <= minute < 90
-    ]
+    rooms = [f'room_temperature{{room="{room}"}} {value:.2f} {scale * (BEGIN + 60 * at)}' for room, at, value in ROOMS]
     meter = [f"meter_total {0.01 * minute:.2f} {scale * (BEGIN + 60 * minute)}" for minute in range(MINUTES)]
     return "\n".join(["# TYPE room_temperature gauge", *rooms, "# TYPE meter counter", *meter, "# EOF", ""])
 
@@ -74,12 +76,7 @@ def ranges(request, tmp_path_factory):
 @pytest.fixture(scope="module")
 def influxdb(tmp_path_factory):
     with influx.server(tmp_path_factory.mktemp("influxdb"), free_port()) as table:
-        lines = [
-            f"degC,room={room} value={level + 0.01 * minute:.2f} {BEGIN + 60 * minute}"
-            for room, level in (("101", 20.0), ("102", 22.0))
-            for minute in range(MINUTES)
-            if not 60 <= minute < 90
-        ]
+        lines = [f"degC,room={room} value={value:.2f} {BEGIN + 60 * minute}" for room, minute, value in ROOMS]
         lines += [
             f"kWh,room=101 value={0.01 * max(0, minute - 90):.2f} {BEGIN + 60 * minute}" for minute in range(MINUTES)
         ]

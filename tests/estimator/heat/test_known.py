@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.tables import tabled
 
 from estimator.errors import NetworkError
 from estimator.heat.known import KnownHeat, LocalTime
@@ -156,13 +157,8 @@ def test_every_measured_room_has_its_own():
     assert {term.node for term in net.terms} == {"T_i", "T_h"}
 
 
-def test_what_is_missing_is_said():
+@tabled
+def test_what_is_missing_is_said(sun, measured, sentence):
     dark = replace(ROOM, heat_inputs=(HeatInput("u_heat", "T_h"),))
-    with pytest.raises(NetworkError, match="needs the horizontal irradiance; add a heat input in W/m2"):
-        with_known_heat(dark, sun="hours")
-    with pytest.raises(NetworkError, match='latitude and longitude of the site; without them write sun = "hours"'):
-        with_known_heat(ROOM, sun="facades")
-    with pytest.raises(NetworkError, match=r'sun = "clear-sky" needs the latitude and longitude of the site$'):
-        with_known_heat(dark, sun="clear-sky")
-    with pytest.raises(NetworkError, match='must be "facades", "hours" or "clear-sky"'):
-        with_known_heat(ROOM, sun="moon")
+    with pytest.raises(NetworkError, match=sentence):
+        with_known_heat(ROOM if measured else dark, sun=sun)

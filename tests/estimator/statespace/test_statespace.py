@@ -130,14 +130,13 @@ def test_rooms_that_share_a_wall_are_simulated_together():
     warm, cold = (estimator.start(1, np.array([t]), np.array([5.0, t, 0.0])) for t in (24.0, 16.0))
     plan = np.tile(np.array([20.0, 20.0, 0.0]), (288, 1))
 
-    def rooms():
-        return [Simulation(of_point(estimator.draws(state, 2), PERIOD, 1)) for state in (warm, cold)]
+    def model(state):
+        return of_point(estimator.draws(state, 2), PERIOD, 1)
 
-    alone = [mean_path(of_point(estimator.draws(s, 2), PERIOD, 1), plan) for s in (warm, cold)]
-    plans = coupled_paths(rooms(), [plan, plan], [{at: (1, 0)}, {at: (0, 0)}])
-    together = [
-        mean_path(of_point(estimator.draws(s, 2), PERIOD, 1), p) for s, p in zip((warm, cold), plans, strict=True)
-    ]
+    alone = [mean_path(model(state), plan) for state in (warm, cold)]
+    rooms = [Simulation(model(state)) for state in (warm, cold)]
+    plans = coupled_paths(rooms, [plan, plan], [{at: (1, 0)}, {at: (0, 0)}])
+    together = [mean_path(model(state), own) for state, own in zip((warm, cold), plans, strict=True)]
     # What one room is told of the other is what the other then does.
     assert np.allclose(plans[0][:, at], together[1][:-1, 0], atol=1e-9)
     assert np.allclose(plans[1][:, at], together[0][:-1, 0], atol=1e-9)

@@ -10,7 +10,7 @@ import sqlite3
 import stat
 import struct
 import tarfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
@@ -81,9 +81,14 @@ def hold_that_it_goes_on(state: Path) -> None:
     asyncio.run(scenario())
 
 
+def refused(sentence: str, call: Callable[..., object], *given: object, **named: object) -> None:
+    """`call` with what is given to it is refused with `sentence`."""
+    with pytest.raises(BackupError, match=sentence):
+        call(*given, **named)
+
+
 def test_what_is_restored_goes_on_bit_for_bit(kept: Path, tmp_path: Path) -> None:
-    with pytest.raises(BackupError, match="a backup of the site 'house'"):
-        restore_backup(tmp_path / "new", "school", kept, replace=False)
+    refused("a backup of the site 'house'", restore_backup, tmp_path / "new", "school", kept, replace=False)
     restored, aside = restore_backup(tmp_path / "new", "house", kept, replace=False)
     assert (restored.zones, aside) == (1, None)
     hold_that_it_goes_on(tmp_path / "new")
@@ -104,10 +109,8 @@ def test_a_backup_is_made_of_what_nobody_runs_too(kept: Path, tmp_path: Path) ->
 def test_nothing_is_overwritten(kept: Path, tmp_path: Path) -> None:
     state = tmp_path / "state"
     before = {path: path.read_bytes() for path in (kept, *state.rglob("*.npz"))}
-    with pytest.raises(BackupError, match="exists already"):
-        write_backup(state, "house", kept)
-    with pytest.raises(BackupError, match="--replace"):
-        restore_backup(state, "house", kept, replace=False)
+    refused("exists already", write_backup, state, "house", kept)
+    refused("--replace", restore_backup, state, "house", kept, replace=False)
     assert {path: path.read_bytes() for path in before} == before
     _, aside = restore_backup(state, "house", kept, replace=True)
     assert (aside / JOURNAL).exists()
@@ -179,8 +182,7 @@ def test_root_backs_up_nothing_that_the_account_may_not_read(kept: Path, tmp_pat
     assert write_backup(state, "house", tmp_path / "out.tar").zones == 0
     (state / JOURNAL).rename(tmp_path / JOURNAL)
     (state / JOURNAL).symlink_to(tmp_path / JOURNAL)
-    with pytest.raises(BackupError, match=r"journal\.sqlite3 is a link or another kind of file"):
-        write_backup(state, "house", tmp_path / "again.tar")
+    refused(r"journal\.sqlite3 is a link or another kind of file", write_backup, state, "house", tmp_path / "again.tar")
 
 
 @as_root
@@ -205,8 +207,7 @@ def test_root_ends_no_transaction_that_the_account_has_made_up(kept: Path, tmp_p
 def test_a_journal_without_end_is_not_read(statement: str, kept: Path, tmp_path: Path) -> None:
     with closing(sqlite3.connect(tmp_path / "state" / JOURNAL)) as journal:
         journal.executescript(statement)
-    with pytest.raises(BackupError, match="is damaged, or made to do damage"):
-        write_backup(tmp_path / "state", "house", tmp_path / "out.tar")
+    refused("is damaged, or made to do damage", write_backup, tmp_path / "state", "house", tmp_path / "out.tar")
     assert "does not belong into it" in "".join(verify(tmp_path / "state").problems)
 
 
@@ -240,13 +241,11 @@ def test_a_journal_that_would_do_something_of_its_own_is_not_restored(
         journal.execute(statement)
     with pytest.raises(JournalError, match=told):
         Store(state)
-    with pytest.raises(BackupError, match=told):
-        write_backup(state, "house", tmp_path / "evil.tar")
+    refused(told, write_backup, state, "house", tmp_path / "evil.tar")
     with monkeypatch.context() as blind:
         blind.setattr(module, "schema_problem", lambda journal: None)
         evil = write_backup(state, "house", tmp_path / "evil.tar")
-    with pytest.raises(BackupError, match=told):
-        restore_backup(tmp_path / "new", "house", evil.path, replace=False)
+    refused(told, restore_backup, tmp_path / "new", "house", evil.path, replace=False)
     assert os.listdir(tmp_path / "new") == ["lock"]
 
 
@@ -254,8 +253,7 @@ def test_a_journal_that_would_do_something_of_its_own_is_not_restored(
 def test_what_cannot_be_backed_up_leaves_nothing(state: str, out: str, told: str, kept: Path, tmp_path: Path) -> None:
     (tmp_path / "interrupted" / RESTORING).mkdir(parents=True)
     before = sorted(tmp_path.iterdir())
-    with pytest.raises(BackupError, match=told):
-        write_backup(tmp_path / state, "house", tmp_path / out)
+    refused(told, write_backup, tmp_path / state, "house", tmp_path / out)
     assert sorted(tmp_path.iterdir()) == before
 
 
@@ -287,8 +285,7 @@ def test_a_signed_backup_cannot_be_made_up(kept: Path, tmp_path: Path, capsys: p
             archive.add(tmp_path / "forged" / name, name)
     assert main(["verify", str(tmp_path / "forged.tar")]) == 0
     for wrong, of in ((tmp_path / "forged.tar", public), (kept, public), (signed.path, key_files(tmp_path)[1])):
-        with pytest.raises(BackupError, match="is not signed with that key"):
-            restore_backup(tmp_path / "other", "house", wrong, False, of)
+        refused("is not signed with that key", restore_backup, tmp_path / "other", "house", wrong, False, of)
         assert main(["verify", str(wrong), "--signed-by", str(of)]) != 0
     assert not (tmp_path / "other" / JOURNAL).exists()
     assert "is not signed with that key" in capsys.readouterr().err
@@ -304,14 +301,13 @@ def test_a_file_that_is_no_key_signs_nothing(content: bytes | None, kept: Path, 
     with pytest.raises(BackupError, match=r"cannot be read|has no private key"):
         write_backup(tmp_path / "state", "house", tmp_path / "signed.tar", private)
     assert not (tmp_path / "signed.tar").exists()
-    with pytest.raises(BackupError, match=r"cannot be read|has no public key"):
-        restore_backup(tmp_path / "new", "house", kept, False, private)
+    refused(r"cannot be read|has no public key", restore_backup, tmp_path / "new", "house", kept, False, private)
 
 
 def test_damage_anywhere_is_refused_and_changes_nothing(kept: Path, tmp_path: Path) -> None:
     content = kept.read_bytes()
     damaged = tmp_path / "damaged.tar"
-    offsets, refused = range(0, len(content), 1997), 0
+    offsets, refusals = range(0, len(content), 1997), 0
     for part in (0.0, 0.01, 0.5, 0.8):
         damaged.write_bytes(content[: int(part * len(content))])
         with pytest.raises(BackupError):
@@ -323,14 +319,14 @@ def test_damage_anywhere_is_refused_and_changes_nothing(kept: Path, tmp_path: Pa
         try:
             restore_backup(tmp_path / "new", "house", damaged, replace=True)
         except BackupError as error:
-            refused += "\n" not in str(error)
+            refusals += "\n" not in str(error)
             assert os.listdir(tmp_path / "new") == ["lock"]
         else:
             # Padding and the owners in tar's headers are nobody's data.
             with closing(Journal.open(tmp_path / "new" / JOURNAL)) as journal:
                 assert len(list(journal.samples_after("z", None))) == 40
             shutil.rmtree(tmp_path / "new")
-    assert refused > 0.8 * len(offsets)
+    assert refusals > 0.8 * len(offsets)
 
 
 def test_checkpoints_and_journal_go_together(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -385,8 +381,7 @@ def test_a_made_up_archive_is_refused_in_a_sentence(tmp_path: Path, case: str) -
                 info.type, info.linkname = tarfile.SYMTYPE, "nowhere"
             info.size = len(content or b"")
             archive.addfile(info, io.BytesIO(content or b""))
-    with pytest.raises(BackupError, match="damaged"):
-        restore_backup(tmp_path / "new", "house", evil, replace=False)
+    refused("damaged", restore_backup, tmp_path / "new", "house", evil, replace=False)
     assert os.listdir(tmp_path / "new") == ["lock"]
     assert not (tmp_path / "outside").exists()
 

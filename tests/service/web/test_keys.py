@@ -6,8 +6,10 @@ import json
 import logging
 import os
 import threading
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -19,6 +21,12 @@ from service.web.keys import KeyRing, create_key, read_keys, revoke_key
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     return tmp_path / "state" / "keys.json"
+
+
+def refused(sentence: str, call: Callable[..., object], *given: object, **named: object) -> None:
+    """`call` with what is given to it is refused with `sentence`."""
+    with pytest.raises(KeyFileError, match=sentence):
+        call(*given, **named)
 
 
 def test_a_key_has_256_bits_and_its_digest_alone_is_stored(file: Path) -> None:
@@ -69,12 +77,10 @@ def test_an_expired_key_is_not_found(file: Path) -> None:
 
 def test_a_name_is_free_again_once_revoked(file: Path) -> None:
     first, _ = create_key(file, "one", "read"), create_key(file, "other", "read")
-    with pytest.raises(KeyFileError, match="there is a key 'one' already"):
-        create_key(file, "one", "admin")
+    refused("there is a key 'one' already", create_key, file, "one", "admin")
     revoke_key(file, "one")
     for name in ("one", "nobody"):
-        with pytest.raises(KeyFileError, match=f"no key '{name}' to revoke; the keys are other"):
-            revoke_key(file, name)
+        refused(f"no key '{name}' to revoke; the keys are other", revoke_key, file, name)
     second = create_key(file, "one", "admin")
     ring = KeyRing(file, required=False)
     assert (ring.find(first), ring.find(second) is None, len(read_keys(file))) == (None, False, 2)
@@ -87,15 +93,12 @@ def test_a_damaged_file_is_refused_at_the_start_and_closes_later(
     secret = create_key(file, "one", "read")
     ring = KeyRing(file, required=False)
     file.write_bytes(content)
-    with pytest.raises(KeyFileError, match="is damaged"):
-        KeyRing(file, required=False)
-    with pytest.raises(KeyFileError, match="is damaged"):
-        create_key(file, "two", "read")
+    refused("is damaged", KeyRing, file, required=False)
+    refused("is damaged", create_key, file, "two", "read")
     assert file.read_bytes() == content, "a file that cannot be read is not overwritten"
     with caplog.at_level(logging.ERROR):
         for _ in range(3):
-            with pytest.raises(KeyFileError, match="cannot be read now"):
-                ring.find(secret)
+            refused("cannot be read now", ring.find, secret)
         assert ring.in_force
     assert len(caplog.records) == 1, "and says so once"
     assert "no API key is accepted" in caplog.text
@@ -106,16 +109,13 @@ def test_a_file_that_others_can_write_is_not_believed(file: Path, mode: int) -> 
     secret = create_key(file, "one", "read")
     ring = KeyRing(file, required=False)
     file.chmod(mode)
-    with pytest.raises(KeyFileError, match=r"can be changed by other accounts.*chmod 600"):
-        read_keys(file)
-    with pytest.raises(KeyFileError, match="cannot be read now"):
-        ring.find(secret)
+    refused(r"can be changed by other accounts.*chmod 600", read_keys, file)
+    refused("cannot be read now", ring.find, secret)
     file.chmod(0o600)
     assert ring.find(secret) is not None
     if os.geteuid() == 0:
         os.chown(file, 12345, -1)
-        with pytest.raises(KeyFileError, match="can be changed by other accounts"):
-            read_keys(file)
+        refused("can be changed by other accounts", read_keys, file)
 
 
 @pytest.mark.parametrize("failure", [errno.EMFILE, errno.EACCES, errno.EIO])
@@ -129,11 +129,7 @@ def test_a_file_that_cannot_be_read_at_the_moment_closes_and_is_read_later(
     assert key is not None
     revoke_key(file, "one")
     with monkeypatch.context() as patched:
-
-        def refuse(*_: object) -> None:
-            raise OSError(failure, os.strerror(failure))
-
-        patched.setattr(keys.os, "open", refuse)
+        patched.setattr(keys.os, "open", Mock(side_effect=OSError(failure, os.strerror(failure))))
         assert not ring.accepts(key), "a stream ends"
         for asked in (secret, other):
             with pytest.raises(KeyFileError):
@@ -145,23 +141,16 @@ def test_a_file_that_cannot_be_read_at_the_moment_closes_and_is_read_later(
 def test_what_stands_in_the_way_is_said_in_one_sentence(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
-    with pytest.raises(KeyFileError, match="cannot be written"):
-        create_key(blocked / "keys.json", "one", "read")
+    refused("cannot be written", create_key, blocked / "keys.json", "one", "read")
     (tmp_path / "keys.json").mkdir()
-    with pytest.raises(KeyFileError, match="is not a file of keys"):
-        read_keys(tmp_path / "keys.json")
+    refused("is not a file of keys", read_keys, tmp_path / "keys.json")
 
 
 def test_a_failing_disk_leaves_the_old_file(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     create_key(file, "one", "read")
     before = file.read_bytes()
-
-    def full(descriptor: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(keys.os, "fsync", full)
-    with pytest.raises(KeyFileError, match="No space left"):
-        create_key(file, "two", "read")
+    monkeypatch.setattr(keys.os, "fsync", Mock(side_effect=OSError(28, "No space left on device")))
+    refused("No space left", create_key, file, "two", "read")
     assert file.read_bytes() == before
     assert [path.name for path in file.parent.iterdir()] == ["keys.json"]
 
@@ -184,11 +173,9 @@ def test_a_folder_in_which_others_can_put_another_file_is_not_believed(file: Pat
     elif group:
         pytest.skip("only root can give a folder to a group that it is not in")
     file.parent.chmod(mode)
-    with pytest.raises(KeyFileError, match=r"can be replaced by other accounts.*chmod go-w"):
-        read_keys(file)
+    refused(r"can be replaced by other accounts.*chmod go-w", read_keys, file)
     os.utime(file)
-    with pytest.raises(KeyFileError, match="cannot be read now"):
-        ring.find(secret)
+    refused("cannot be read now", ring.find, secret)
     file.parent.chmod(0o1777)
     assert read_keys(file), "as /tmp is"
 
@@ -196,13 +183,11 @@ def test_a_folder_in_which_others_can_put_another_file_is_not_believed(file: Pat
 def test_a_pipe_or_a_giant_in_the_place_of_the_file_keeps_nobody_waiting(file: Path) -> None:
     file.parent.mkdir(mode=0o700, exist_ok=True)
     os.mkfifo(file)
-    with pytest.raises(KeyFileError, match="is not a file of keys"):
-        read_keys(file)
+    refused("is not a file of keys", read_keys, file)
     file.unlink()
     file.touch(0o600)
     os.truncate(file, 10**12)
-    with pytest.raises(KeyFileError, match="is not a file of keys"):
-        read_keys(file)
+    refused("is not a file of keys", read_keys, file)
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root works for another account")
@@ -218,5 +203,4 @@ def test_root_makes_keys_for_the_account_whose_folder_it_is_and_follows_no_link_
     create_key(private / "keys.json", "private", "admin")
     (folder / "keys.json").unlink()
     (folder / "keys.json").symlink_to(private / "keys.json")
-    with pytest.raises(KeyFileError, match="Permission denied"):
-        create_key(folder / "keys.json", "two", "read")
+    refused("Permission denied", create_key, folder / "keys.json", "two", "read")

@@ -4,7 +4,7 @@ import asyncio
 import logging
 
 import pytest
-from support.running_zone import make, plumbing
+from support.running_zone import alone
 from support.tables import tabled
 
 import service.daemon.supply.feeding
@@ -81,8 +81,7 @@ def test_a_wall_clock_that_is_set_is_said_once(monkeypatch, caplog, jump, said):
 
 
 async def test_a_live_zone_names_what_its_device_refuses_until_it_gives_it(tmp_path):
-    async with plumbing(tmp_path) as shared:
-        zone = make(shared)
+    async with alone(tmp_path) as (zone, shared):
         await zone.prepare()
         network = zone.network
         zone.align(Alignment(network, zone.period, ["bms"]), live=True)

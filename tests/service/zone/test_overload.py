@@ -6,7 +6,7 @@ import threading
 from math import inf
 
 import pytest
-from support.running_zone import Announced, Shown, caught_up, finished, make, plumbing, straight
+from support.running_zone import Announced, Shown, alone, caught_up, finished, plumbing, straight
 from support.zone_samples import PERIOD, comparable, sample, worker
 
 import service.zone.alignment
@@ -51,8 +51,7 @@ async def test_live_samples_never_wait_for_the_estimator_and_none_is_lost(tmp_pa
 
 
 async def test_live_samples_that_come_while_the_journal_is_read_are_not_lost(tmp_path):
-    async with plumbing(tmp_path) as shared:
-        zone = make(shared)
+    async with alone(tmp_path) as (zone, _):
         running = await started(zone, live=True)
         items = [sample(k) for k in range(300)]
         # In portions, so that the mailbox overflows and empties over and over.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numba.core.errors import NumbaError
 from support.forecasts import question
-from support.running_zone import Announced, caught_up, fed, finished, make, plumbing, straight, through
+from support.running_zone import Announced, alone, caught_up, fed, finished, make, plumbing, straight, through
 from support.waiting import until
 from support.zone_samples import PERIOD, comparable, sample, worker
 
@@ -139,8 +139,7 @@ async def test_while_a_zone_is_failed_others_go_on_and_its_samples_are_kept(tmp_
 async def test_an_announcer_that_fails_does_not_stop_the_zone(tmp_path, caplog):
     announcer = Announced()
     announcer.broken = True
-    async with plumbing(tmp_path, announcer) as shared:
-        zone = make(shared)
+    async with alone(tmp_path, announcer) as (zone, _):
         await finished(zone, await fed(zone, [sample(k) for k in range(5)]))
         assert zone.now().status.samples == 5
         assert zone.now().status.state == "running"
@@ -148,8 +147,7 @@ async def test_an_announcer_that_fails_does_not_stop_the_zone(tmp_path, caplog):
 
 
 async def test_a_journal_that_cannot_be_written_holds_the_sample_until_it_can(tmp_path, monkeypatch, caplog):
-    async with plumbing(tmp_path) as shared:
-        zone = make(shared)
+    async with alone(tmp_path) as (zone, shared):
         real, failures = shared.store.append, [JournalError("the journal failed (disk full); free space")] * 3
 
         async def failing(name, item):
@@ -169,14 +167,12 @@ async def test_a_journal_that_cannot_be_written_holds_the_sample_until_it_can(tm
 
 
 async def test_a_zone_says_what_it_waits_for(tmp_path):
-    async with plumbing(tmp_path) as shared:
-        zone = make(shared)
+    async with alone(tmp_path) as (zone, _):
         assert (zone.now().status.state, zone.now().update, await zone.ask(question(3))) == ("waiting", None, None)
         assert await zone.ask(ParametersQuestion((0.5,))) is None
         running = await fed(zone, [sample(0, y=float("nan")), sample(1)])
         await until(lambda: zone.now().update)
-        fan = await zone.ask(question(2, {"u_heat": np.array([0.0, 500.0])}))
-        assert len(fan.outputs[0].mean) == 3
+        assert len((await zone.ask(question(2, {"u_heat": np.array([0.0, 500.0])}))).outputs[0].mean) == 3
         assert (await zone.ask(ParametersQuestion((0.5,)))).summary.parameters.shape == (10, 1)
         zone.align(Alignment(zone.network, PERIOD, ["only"], Rules(zone="z")))
         assert zone.now().status.state == "running"
@@ -188,8 +184,7 @@ async def test_a_zone_says_what_it_waits_for(tmp_path):
 
 async def test_a_source_that_does_not_deliver_shows_on_its_zone_until_it_does(tmp_path):
     announcer = Announced()
-    async with plumbing(tmp_path, announcer) as shared:
-        zone = make(shared)
+    async with alone(tmp_path, announcer) as (zone, _):
         running = await fed(zone, [sample(0)])
         zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z")))
         await zone.source_failed("bms", "sources.bms: the file is gone; put it back")
@@ -202,8 +197,7 @@ async def test_a_source_that_does_not_deliver_shows_on_its_zone_until_it_does(tm
 
 
 async def test_a_set_point_is_among_the_channels_of_a_zone_that_has_one(tmp_path):
-    async with plumbing(tmp_path) as shared:
-        zone = make(shared)
+    async with alone(tmp_path) as (zone, _):
         running = await fed(zone, [sample(0)])
         zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z")))
         assert zone.now().status.channels == zone.network.channels
@@ -215,12 +209,10 @@ async def test_a_set_point_is_among_the_channels_of_a_zone_that_has_one(tmp_path
 
 
 async def test_a_recording_that_had_ended_before_this_start_still_tells_its_time(tmp_path):
-    async with plumbing(tmp_path) as shared:
-        zone = make(shared)
+    async with alone(tmp_path) as (zone, _):
         await finished(zone, await fed(zone, [sample(0), sample(1)]))
     announcer = Announced()
-    async with plumbing(tmp_path, announcer) as shared:
-        zone = make(shared)
+    async with alone(tmp_path, announcer) as (zone, _):
         await zone.prepare()
         zone.align(Alignment(zone.network, PERIOD, ["only", "other"], Rules(zone="z")))
         await zone.end("only")
@@ -232,8 +224,7 @@ async def test_a_recording_that_had_ended_before_this_start_still_tells_its_time
 
 
 async def test_a_hurried_zone_saves_and_leaves_the_rest_to_the_journal(tmp_path):
-    async with plumbing(tmp_path) as shared:
-        zone = make(shared)
+    async with alone(tmp_path) as (zone, shared):
         items = [sample(k) for k in range(12)]
         await zone.prepare()
         await zone.intake.accept(items)
@@ -246,8 +237,7 @@ async def test_a_hurried_zone_saves_and_leaves_the_rest_to_the_journal(tmp_path)
 
 
 async def test_a_fan_is_given_up_when_the_daemon_stops(tmp_path):
-    async with plumbing(tmp_path) as shared:
-        zone = make(shared)
+    async with alone(tmp_path) as (zone, shared):
         await finished(zone, await fed(zone, [sample(0)]))
         shared.stopping.set()
         with pytest.raises(ServiceError, match="the daemon is stopping"):

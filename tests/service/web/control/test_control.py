@@ -23,7 +23,6 @@ from service.web.control.models import SiteForecastPayload
 from service.web.limits import LARGE, Limiter
 from service.zone.zone import Zone
 
-HOURS = 12
 ROOMS = {
     "rbpf": Room(surroundings=Surroundings({"u_heat": (0.0, 2000.0), "T_out": (-30.0, 45.0)})),
     "ekf": Room("ekf"),
@@ -32,14 +31,17 @@ ROOMS = {
     "arx": Room("arx"),
     "new": Room(samples=0),
 }
+
+
+def beside(room: str, estimator: str, **more: Any) -> Room:
+    surroundings = Surroundings(neighbours={"T_adj": (room, "T_air")})
+    return Room(estimator, "ecolar-6r4c", surroundings=surroundings, **more)
+
+
 NEXT_DOOR = {
-    "west": Room(
-        "ekf", "ecolar-6r4c", surroundings=Surroundings(neighbours={"T_adj": ("east", "T_air")}), temperature=24.0
-    ),
-    "east": Room(
-        "ekf", "ecolar-6r4c", surroundings=Surroundings(neighbours={"T_adj": ("west", "T_air")}), temperature=16.0
-    ),
-    "told": Room("arx", "ecolar-6r4c", surroundings=Surroundings(neighbours={"T_adj": ("west", "T_air")})),
+    "west": beside("east", "ekf", temperature=24.0),
+    "east": beside("west", "ekf", temperature=16.0),
+    "told": beside("west", "arx"),
 }
 
 
