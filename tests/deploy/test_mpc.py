@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from types import ModuleType, SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ def mpc(example: ModuleType) -> ModuleType:
 
 
 ALL = dict.fromkeys((300, 3600, 21600, 86400), "trusted")
+NOBODY = Mock(side_effect=OSError("connection refused"))
 
 
 def settings(mpc: ModuleType, **changes: Any) -> Any:
@@ -134,24 +136,20 @@ def test_it_goes_on_from_its_last_plan_and_plans_with_what_others_are_known_to_d
     def cold(steps: int) -> Any:
         return {"office": {"T_out": [-15.0] * steps}}
 
-    icy = mpc.decide(asking(ALL), settings(mpc), 20.0, False, known=cold)
-    assert icy.plan.sum() > first.plan.sum()
+    assert mpc.decide(asking(ALL), settings(mpc), 20.0, False, known=cold).plan.sum() > first.plan.sum()
 
 
 def test_without_an_answer_it_is_a_thermostat_that_is_ready_when_the_night_setback_ends(mpc: ModuleType) -> None:
-    def nobody(*_: Any) -> Any:
-        raise OSError("connection refused")
-
     for temperature, heating, power in ((19.9, False, 4e3), (20.1, False, 0.0), (20.1, True, 4e3), (20.4, True, 0.0)):
-        decision = mpc.decide(nobody, settings(mpc), temperature, heating)
+        decision = mpc.decide(NOBODY, settings(mpc), temperature, heating)
         assert decision[:3] == (power, "thermostat", "connection refused")
 
     def low(steps: int) -> list[float]:
         return [17.0, 17.0, 17.0, 20.0, 20.0][:steps]
 
-    decision = mpc.decide(nobody, settings(mpc), 18.0, False, low=low)
+    decision = mpc.decide(NOBODY, settings(mpc), 18.0, False, low=low)
     assert decision.power == 4000.0, "in an hour it has to be 20 degC"
-    assert mpc.decide(nobody, settings(mpc), 18.0, False, low=lambda steps: [17.0] * steps).power == 0.0
+    assert mpc.decide(NOBODY, settings(mpc), 18.0, False, low=lambda steps: [17.0] * steps).power == 0.0
 
 
 def test_without_a_measurement_it_goes_on_as_before_the_measurement_was_lost(mpc: ModuleType) -> None:
@@ -270,11 +268,8 @@ def test_a_room_with_a_thermostat_comes_first_and_the_coldest_before_others(mpc:
     assert (planned.by, other.by, other.power) == ("plan", "thermostat", 4000.0)
     assert planned.plan[:4].max() <= 1000.0 + 1e-3
 
-    def nobody(*_: Any) -> Any:
-        raise OSError("connection refused")
-
     warmer, colder = (room._replace(temperature=t) for room, t in zip(pair(mpc), (19.0, 18.0), strict=True))
-    assert [one.power for one in mpc.decide_together(nobody, [warmer, colder], plant=plant)] == [1000.0, 4000.0]
+    assert [one.power for one in mpc.decide_together(NOBODY, [warmer, colder], plant=plant)] == [1000.0, 4000.0]
 
 
 def test_a_look_at_several_rooms_never_asks_for_more_than_the_limit(

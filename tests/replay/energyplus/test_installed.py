@@ -2,6 +2,7 @@
 
 import ctypes
 import importlib.util
+from unittest.mock import Mock
 
 import pytest
 from support.energyplus import needs_energyplus
@@ -26,10 +27,8 @@ def test_without_the_extra_one_sentence_names_it(
 
 @needs_energyplus
 def test_without_the_library_of_the_system_one_sentence_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(path: str) -> None:
-        raise OSError("libX11.so.6: cannot open shared object file")
-
     library.library.cache_clear()
-    monkeypatch.setattr(ctypes, "CDLL", refuse)
+    missing = OSError("libX11.so.6: cannot open shared object file")
+    monkeypatch.setattr(ctypes, "CDLL", Mock(side_effect=missing))
     with pytest.raises(library.EnergyPlusMissing, match="apt-get install libx11-6"):
         library.library()

@@ -5,6 +5,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from datetime import date
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -115,10 +116,7 @@ def test_what_is_asked_too_much_is_cut_and_what_is_no_number_is_refused() -> Non
 
 
 def test_a_disk_that_cannot_be_written_is_reported_to_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object, **__: object) -> int:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(Path, "write_text", Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
     with pytest.raises(EnergyPlusError, match=r"in.epJSON: cannot be written \(No space left on device\); make room"):
         Plant(TIMBER)
 
@@ -129,15 +127,12 @@ def test_warm_up_is_controlled_and_its_failure_reported_to_the_caller() -> None:
         power = 6000.0 if readings.air[0] < 25.0 else 0.0
         return Inputs(*np.zeros((5, 1)))._replace(heating=np.array([power]))
 
-    def broken(readings: Readings) -> Inputs:
-        raise RuntimeError("no controller today")
-
     seen: list[float] = []
     with Plant(TIMBER, warm_up=hot) as plant:
         assert 24.0 < plant.now.air[0] < 28.0
         assert len(seen) >= 6 * 288, "at least the six days that the model asks for"
     with pytest.raises(RuntimeError, match="no controller today"):
-        Plant(TIMBER, warm_up=broken)
+        Plant(TIMBER, warm_up=Mock(side_effect=RuntimeError("no controller today")))
 
 
 @pytest.mark.parametrize(

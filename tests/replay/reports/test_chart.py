@@ -9,8 +9,6 @@ from support.tables import tabled
 from replay.reports.kit.chart import Band, Bars, Chart, Level, Line, Panel
 from replay.reports.language import sayer
 
-DAY = 86_400
-
 
 def seconds(*moment):
     return datetime(*moment, tzinfo=UTC).timestamp()

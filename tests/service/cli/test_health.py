@@ -11,7 +11,6 @@ from support.web_answers import answering
 
 from service.cli.main import main
 
-NO_KEY = "the daemon wants an API key; name a file that holds one with --key-file"
 ALIVE = (200, {"status": "ok", "version": "1.2.3", "uptime_s": 60.4})
 
 

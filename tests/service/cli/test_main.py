@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from support.config_samples import learned, sound, write
@@ -50,13 +51,6 @@ def complaint(capsys: Capture) -> str:
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("thermogate: ")
     return line.removeprefix("thermogate: ")
-
-
-def raising(error: BaseException) -> Callable[..., Any]:
-    def answer(*_: Any, **__: Any) -> Any:
-        raise error
-
-    return answer
 
 
 def test_the_version_and_what_is_no_command(capsys: Capture) -> None:
@@ -105,7 +99,7 @@ def test_run_starts_the_daemon_and_passes_on_what_to_reset_and_the_exit_code(
 def test_a_failure_is_one_sentence(
     error: BaseException, code: int, said: str, config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    daemon(monkeypatch, raising(error))
+    daemon(monkeypatch, Mock(side_effect=error))
     assert main(["run", str(config)]) == code
     found = complaint(capsys)
     assert found.startswith(said)

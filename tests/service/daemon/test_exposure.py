@@ -9,8 +9,6 @@ from service.daemon import exposure
 from service.errors import KeyFileError
 from service.web.keys import create_key, revoke_key
 
-Capture = pytest.CaptureFixture[str]
-
 
 def complaints(folder, capsys, command="check", **http):
     """What is said to `http`; nothing if it passes."""

@@ -2,7 +2,6 @@
 
 import errno
 import importlib.util
-import itertools
 import os
 from collections.abc import Callable
 
@@ -13,7 +12,6 @@ from service.daemon import kernel_cache
 from service.daemon.kernel_cache import guard_kernel_cache
 
 SOURCE = "from numba import njit\n\n@njit(cache=True)\ndef plus_one(x):\n    return x + 1\n"
-COUNT = itertools.count()
 
 
 @pytest.fixture

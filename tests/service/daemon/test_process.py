@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -16,8 +17,7 @@ def threads(prepare, **environment):
     """How many threads a process has that has imported what computes."""
     clean = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     command = [sys.executable, "-c", f"from service.daemon.process import prepare_process; {prepare}; {THREADS}"]
-    done = subprocess.run(command, env=clean | environment, capture_output=True, text=True, check=True)
-    return int(done.stdout)
+    return int(subprocess.run(command, env=clean | environment, capture_output=True, text=True, check=True).stdout)
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="threads are counted in /proc")
@@ -47,18 +47,14 @@ print(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
 @pytest.mark.parametrize("niceness", [0, 10])
 def test_threads_that_compute_let_the_event_loop_go_first_whatever_the_priority_of_their_process(niceness):
     command = [sys.executable, "-c", NICENESS.format(niceness=niceness)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    computing, looping = map(int, done.stdout.split())
+    computing, looping = map(int, subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
     assert computing > looping
 
 
 def test_an_account_without_a_home_compiles_into_a_folder_of_the_process(monkeypatch):
-    def homeless():
-        raise RuntimeError("Could not determine home directory.")
-
     for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(Path, "home", homeless)
+    monkeypatch.setattr(Path, "home", Mock(side_effect=RuntimeError("Could not determine home directory.")))
     # What it sets is taken back afterwards.
     monkeypatch.setattr(os, "environ", dict(os.environ))
     process._give_numba_a_cache()

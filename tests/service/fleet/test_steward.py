@@ -171,11 +171,7 @@ async def test_it_finds_the_fleet_reloads_and_stops_it_in_order(
     path = small_site(tmp_path, shards=2)
     config = load(path)
     cluster.plan = Plan(7, config)
-
-    def reread() -> Any:
-        return load(path)
-
-    life = asyncio.create_task(Steward("campus", reread).run(config))
+    life = asyncio.create_task(Steward("campus", lambda: load(path)).run(config))
     await until(lambda: len(cluster.members) == 3)
     assert cluster.plan.version == 7, "nothing has changed"
     text = path.read_text(encoding="utf-8")

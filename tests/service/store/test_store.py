@@ -8,6 +8,7 @@ import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from support.waiting import until
@@ -118,9 +119,6 @@ def test_a_folder_that_every_account_can_enter_is_said(
 
 
 def test_a_full_disk_is_refused_with_what_frees_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(module, "make_folder", full)
+    monkeypatch.setattr(module, "make_folder", Mock(side_effect=OSError(errno.ENOSPC, "No space left on device")))
     with pytest.raises(ServiceError, match=r"free space on its disk: .*reset-\*.*old backups"):
         Store(tmp_path / "state")

@@ -29,9 +29,6 @@ def test_every_answer_is_hardened(app: FastAPI) -> None:
         assert "server" not in headers
 
 
-CROSS = {"Sec-Fetch-Site": "cross-site"}
-
-
 @tabled
 def test_a_page_of_another_site_asks_nothing(app: FastAPI, headers: dict[str, str], status: int) -> None:
     """It could not read the answer, but it would take the streams and the turns of whoever looks at it."""

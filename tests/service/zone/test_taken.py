@@ -3,6 +3,7 @@
 import asyncio
 from collections import Counter
 from math import isnan
+from unittest.mock import AsyncMock, Mock
 
 import pytest
 from support.running_zone import make, plumbing
@@ -30,8 +31,7 @@ def reading(channel, time, value=20.0, fault=None):
 
 
 def aligned(zone, after=None):
-    alignment = Alignment(NETWORK, PERIOD, ["post"], Rules(zone="z", resume_after=after, live=True))
-    zone.align(alignment, live=True)
+    zone.align(Alignment(NETWORK, PERIOD, ["post"], Rules(zone="z", resume_after=after, live=True)), live=True)
     return zone
 
 
@@ -96,11 +96,7 @@ async def test_a_sample_goes_on_where_its_source_is_stopped_meanwhile(tmp_path, 
 async def test_a_zone_closes_while_the_journal_fails(tmp_path, monkeypatch):
     async with plumbing(tmp_path) as shared:
         zone = aligned(make(shared))
-
-        async def full(name, sample):
-            raise JournalError("the disk is full")
-
-        monkeypatch.setattr(shared.store, "append", full)
+        monkeypatch.setattr(shared.store, "append", AsyncMock(side_effect=JournalError("the disk is full")))
         await zone.intake.deliver("post", [reading(OUTPUT, 10.0)], DAY + 10.0)
         delivered = asyncio.create_task(zone.intake.elapse(DAY + 3 * PERIOD))
         await asyncio.sleep(0.05)
@@ -147,17 +143,13 @@ async def test_a_start_recalls_what_had_not_closed_and_nothing_else(tmp_path):
 async def test_where_the_journal_fails_nothing_is_promised_and_the_next_try_is(tmp_path, monkeypatch):
     async with plumbing(tmp_path) as shared:
         zone = aligned(make(shared))
-
-        def full(*_):
-            raise JournalError("the journal failed (disk full); free space on its disk")
-
+        full = JournalError("the journal failed (disk full); free space on its disk")
         with monkeypatch.context() as failing:
-            failing.setattr(shared.store.journal, "append_all", full)
+            failing.setattr(shared.store.journal, "append_all", Mock(side_effect=full))
             with pytest.raises(JournalError):
                 await zone.intake.take("post", [reading(OUTPUT, 10.0, 21.5)])
         assert await shared.store.run(shared.store.journal.kept, "z", 0.0) == []
-        receipt = await zone.intake.take("post", [reading(OUTPUT, 10.0, 99.0)])
-        assert receipt.repeated == 1
+        assert (await zone.intake.take("post", [reading(OUTPUT, 10.0, 99.0)])).repeated == 1
         kept = await shared.store.run(shared.store.journal.kept, "z", 0.0)
         assert kept == [reading(OUTPUT, 10.0, 21.5)], "what the sample will hold is what is on disk"
 

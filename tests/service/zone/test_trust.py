@@ -13,7 +13,6 @@ from service.records.trust import Trust, untrusted
 from service.records.update import Gate
 from service.zone.trust import RISES, judged
 
-HOUR = 3600
 GOOD = {"coverage": 0.95, "rmse": 0.4, "persistence_rmse": 0.8, "forecasts": 100}
 
 
@@ -163,8 +162,7 @@ def test_telemetry_that_is_not_to_be_believed_takes_all_trust_while_it_lasts():
 
 def disturbed(sd=0.2):
     calm = make_update(20)
-    wide = replace(calm.forecast.outputs[0], sd=sd)
-    forecast = calm.forecast._replace(outputs=(wide, *calm.forecast.outputs[1:]))
+    forecast = calm.forecast._replace(outputs=(replace(calm.forecast.outputs[0], sd=sd), *calm.forecast.outputs[1:]))
     return calm._replace(gate=Gate(0.05, "high"), forecast=forecast)
 
 
