@@ -220,8 +220,7 @@ def test_what_a_reload_can_change_is_documented() -> None:
 
 
 def test_the_changelog_tells_the_versions_of_stored_state() -> None:
-    unreleased = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")[1]
-    told = unreleased.partition("### Stored state")[2]
+    told = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")[1].partition("### Stored state")[2]
     assert f"Journal schema {SCHEMA_VERSION}," in told
     assert f"checkpoint format {checkpoint.FORMAT_VERSION}" in told
     assert f"backup format {backup.FORMAT_VERSION}" in told

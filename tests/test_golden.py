@@ -196,8 +196,7 @@ async def _overview(asked: Asked, streams: Streams) -> str:
             await asyncio.sleep(0.01)
     streams.end()
     await listening
-    event = next(one for one in sent if "gone" in one)
-    return golden.lines(answer.text) + "\n\n" + golden.lines(event)
+    return golden.lines(answer.text) + "\n\n" + golden.lines(next(one for one in sent if "gone" in one))
 
 
 async def _streamed(asked: Asked, path: str, sent: list[str]) -> None:

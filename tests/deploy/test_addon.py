@@ -40,8 +40,7 @@ def test_it_follows_the_rules_of_the_supervisor() -> None:
     built = yaml.safe_load((FOLDER / "build.yaml").read_text(encoding="utf-8"))["build_from"]
     assert set(built) == set(CONFIG["arch"])
     assert all(re.match(image, base) for base in built.values())
-    repository = yaml.safe_load((REPOSITORY / "repository.yaml").read_text(encoding="utf-8"))
-    assert set(repository) == {"name", "maintainer"}
+    assert set(yaml.safe_load((REPOSITORY / "repository.yaml").read_text(encoding="utf-8"))) == {"name", "maintainer"}
     for name in ("DOCS.md", "README.md", "CHANGELOG.md", "Dockerfile"):
         assert (FOLDER / name).read_text(encoding="utf-8").strip(), name
 
@@ -189,8 +188,7 @@ def test_from_the_options_to_a_forecast_of_a_room_with_history(tmp_path: Path, h
         assert "history could not be learned" not in said
         wait_until(lambda: {ahead, telemetry} < listening.newest().keys())
         # An hour in degF has been learned, so that the first live interval need not be waited for.
-        forecast = json.loads(listening.newest()[ahead])
-        assert 12.0 < forecast["outputs"][0]["horizons"][0]["mean"] < 28.0
+        assert 12.0 < json.loads(listening.newest()[ahead])["outputs"][0]["horizons"][0]["mean"] < 28.0
         told = json.loads(listening.newest()[telemetry])
         assert datetime.fromisoformat(told.pop("time")) - datetime.now(UTC) < timedelta(minutes=5)
         assert told == {"T_i": 68.0, "T_out": 41.0, "u_heat": 1.0, "setpoint": 70.0}

@@ -94,8 +94,7 @@ def test_what_cannot_be_handed_on_is_one_sentence(
 @pytest.mark.skipif(not EMHASS.exists(), reason="EMHASS is not installed; THERMOGATE_EMHASS names its interpreter")
 def test_emhass_plans_with_it(example: ModuleType, asking: Any, tmp_path: Path) -> None:
     told = example.handed_on(asking({86400: "trusted"}), "office", "u_heat", POWER, LOW, HIGH)
-    price = [0.3] * 12 + [0.1] * 12 + [0.3] * 24
-    given = json.dumps(told | {"load_cost_forecast": price})
+    given = json.dumps(told | {"load_cost_forecast": [0.3] * 12 + [0.1] * 12 + [0.3] * 24})
     done = subprocess.run(
         [EMHASS, "-c", PLANNED, tmp_path], input=given, capture_output=True, text=True, timeout=300, check=False
     )

@@ -117,8 +117,7 @@ def check_an_issue_forecasts_what_the_state_does(estimator):
 
 
 def check_a_missing_output_is_tolerated(estimator):
-    state = estimator.predict(start(estimator), inputs_of(estimator))
-    posterior = estimator.update(state, np.array([np.nan]))
+    posterior = estimator.update(estimator.predict(start(estimator), inputs_of(estimator)), np.array([np.nan]))
     assert np.isnan(posterior.log_likelihood)
     mixture = estimator.predictive(estimator.predict(posterior.state, inputs_of(estimator)))
     assert np.isfinite(mixture.mean()).all()
@@ -128,8 +127,7 @@ def check_a_missing_output_is_tolerated(estimator):
 def check_outliers_never_poison_the_state(estimator):
     state = start(estimator)
     for y in (1e9, -1e9, 20.0, 1e300, 20.0):
-        posterior = estimator.update(estimator.predict(state, inputs_of(estimator)), np.array([y]))
-        state = posterior.state
+        state = estimator.update(estimator.predict(state, inputs_of(estimator)), np.array([y])).state
     for name, array in estimator.pack(state).items():
         assert np.isfinite(array.astype(float)).all(), name
 

@@ -49,8 +49,7 @@ def winter(samples: int, wanted: float) -> Iterator[Sample]:
     for k in range(samples):
         outside = 3.0 * np.sin(2 * np.pi * k * PERIOD / 86400)
         heat = 3000.0 * (air < wanted + 0.3 * (heat > 0.0))
-        outputs = np.array([air + 0.02 * rng.standard_normal()])
-        yield Sample.measured(k * PERIOD, outputs, np.array([outside, heat]))
+        yield Sample.measured(k * PERIOD, np.array([air + 0.02 * rng.standard_normal()]), np.array([outside, heat]))
         for _ in range(10):
             seconds = PERIOD / 10
             through = 200.0 * (air - walls)
@@ -85,8 +84,7 @@ def site_of(folder: Path, rooms: Mapping[str, Room]) -> Iterator[tuple[FastAPI, 
     metrics, store = Metrics({}), Store(folder)
     with ThreadPoolExecutor(2) as pool:
         stopping = threading.Event()
-        questions = Questions(pool, stopping)
-        shared = Plumbing("htwg", store, pool, questions, stopping, metrics, (metrics,), 1e9)
+        shared = Plumbing("htwg", store, pool, Questions(pool, stopping), stopping, metrics, (metrics,), 1e9)
         zones = {
             name: Zone(name, room.estimator, "mark", worker_of(room), shared, room.surroundings)
             for name, room in rooms.items()

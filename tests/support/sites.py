@@ -30,8 +30,7 @@ def written(folder: Path, sources: Mapping[str, Table], zones: Sequence[Table], 
     """The configuration of a site "plant", whose state is beside it; `tables` are added to or changed."""
     site = {"id": "plant", "state_dir": str(folder / "state")} | tables.pop("site", {})
     path = folder / "plant.toml"
-    document = {"site": site, **tables, "sources": sources, "zones": zones}
-    path.write_text(tomli_w.dumps(document), encoding="utf-8")
+    path.write_text(tomli_w.dumps({"site": site, **tables, "sources": sources, "zones": zones}), encoding="utf-8")
     return path
 
 

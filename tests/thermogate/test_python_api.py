@@ -98,16 +98,14 @@ def test_columns_have_other_names_units_and_order(model):
     raw = pd.DataFrame(
         {"Room": table["T_i"] + 273.15, "Heating kW": table["u_heat"] / 1000, "Out": table["T_out"], "Hum": 40.0}
     ).iloc[::-1]
-    columns = {"T_i": ("Room", "K"), "u_heat": ("Heating kW", "kW"), "T_out": "Out"}
-    found = tg.fit(raw, "tite", columns=columns, **FEW)
+    found = tg.fit(raw, "tite", columns={"T_i": ("Room", "K"), "u_heat": ("Heating kW", "kW"), "T_out": "Out"}, **FEW)
     np.testing.assert_allclose(found.predictions["mean"], model.predictions["mean"], rtol=1e-9)
     plan = pd.DataFrame({"Room": 293.0, "Heating kW": 1.0, "Hum": 40.0}, index=found.forecast(horizon="1h").index)
     assert bits(found.forecast(plan, "1h")) == bits(found.forecast({"u_heat": 1000.0}, "1h"))
 
 
 def test_the_usual_distance_of_the_rows_is_the_period():
-    table = room().drop(room().index[[7, 20, 21]])
-    assert tg.fit(table, "tite", **FEW).period == timedelta(minutes=10)
+    assert tg.fit(room().drop(room().index[[7, 20, 21]]), "tite", **FEW).period == timedelta(minutes=10)
 
 
 def test_an_end_without_measurements_leaves_no_forecast():
@@ -409,8 +407,7 @@ def test_skill_has_one_row_for_every_horizon(model):
 
 def test_the_weights_of_a_bank():
     members = {"filter": {"estimator": "ekf"}, "box": {"estimator": "arx"}}
-    model = tg.fit(room(), "tite", estimator="bank", estimator_options={"members": members})
-    weights = model.weights
+    weights = tg.fit(room(), "tite", estimator="bank", estimator_options={"members": members}).weights
     assert list(weights.index) == ["filter", "box"]
     assert weights.sum().to_numpy() == pytest.approx(1.0)
     assert len(tg.fit(room(samples=10), "tite", **FEW).weights) == 0
@@ -537,8 +534,7 @@ def test_what_an_estimator_does_not_have_is_said(model):
 
 def test_a_meter_of_energy_becomes_power_and_is_not_planned(model):
     table = room()
-    counted = table["u_heat"].shift(fill_value=0.0).cumsum() / 6000.0
-    meter = table.drop(columns="u_heat").assign(meter=counted)
+    meter = table.drop(columns="u_heat").assign(meter=table["u_heat"].shift(fill_value=0.0).cumsum() / 6000.0)
     found = tg.fit(meter, "tite", columns={"u_heat": ("meter", "kWh")}, **FEW)
     np.testing.assert_allclose(found.predictions["mean"].iloc[:50], model.predictions["mean"].iloc[:50], atol=1e-6)
     with pytest.raises(tg.DataError, match='"meter", which counts energy; plan u_heat in W instead'):

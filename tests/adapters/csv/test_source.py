@@ -66,8 +66,7 @@ def test_columns_are_summed_then_scaled_then_converted(tmp_path):
 
 @tabled
 def test_each_bad_cell_is_delivered_with_its_fault_and_missing_ones_not_at_all(tmp_path, decimal, cells):
-    lines = ["t;T", *(f"{second};{cell}" for second, cell in enumerate(cells))]
-    path = write(tmp_path / "a.csv", "\n".join(lines))
+    path = write(tmp_path / "a.csv", "\n".join(["t;T", *(f"{second};{cell}" for second, cell in enumerate(cells))]))
     channel = {"id": "z/T", "column": "T", "unit": "degC"}
     layout = {"delimiter": ";", "decimal": decimal, "format": "epoch"}
     got = readings(source(path, channels=[channel], **layout))

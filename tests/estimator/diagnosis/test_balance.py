@@ -33,8 +33,7 @@ def simulated(net, days, power):
     }
     inputs = np.column_stack([columns[name] for name in net.inputs])
     theta = {p.name: p.nominal for p in net.parameters}
-    start = np.full(len(net.nodes), 20.0)
-    states = simulate(net, theta, inputs, PERIOD, x0=start, process_noise_sd=0.0, rng=rng)
+    states = simulate(net, theta, inputs, PERIOD, x0=np.full(len(net.nodes), 20.0), process_noise_sd=0.0, rng=rng)
     record = no_record(len(net.inputs))
     place = net.nodes.index(net.measured[0])
     for step in range(steps):
@@ -61,8 +60,7 @@ def test_the_balance_does_not_depend_on_the_loss_that_was_learned():
     theta = nominal(SUNNY)
     for name in ("g_ie", "g_e_out", "g_i_out"):
         theta[[p.name for p in SUNNY.parameters].index(name)] *= 0.3
-    found = balance(SUNNY, theta, simulated(SUNNY, 14, 900.0))
-    assert found.heat_loss == pytest.approx(true_loss(SUNNY), rel=0.2)
+    assert balance(SUNNY, theta, simulated(SUNNY, 14, 900.0)).heat_loss == pytest.approx(true_loss(SUNNY), rel=0.2)
 
 
 def summary(net, factor):

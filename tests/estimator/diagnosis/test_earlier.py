@@ -33,8 +33,7 @@ def learned(told):
 def test_what_was_learned_of_a_lie_is_given_up_when_it_ends():
     truth, _ = learned(1.0)
     lost, carried = learned(1000.0)
-    lying = lost[CLEAN : CLEAN + LYING]
-    assert lying.max() > 1.3 * truth[CLEAN], "the lie misleads until it is found"
+    assert lost[CLEAN : CLEAN + LYING].max() > 1.3 * truth[CLEAN], "the lie misleads until it is found"
     assert carried.suspicions == ()
     assert lost[-DAY:] == pytest.approx(truth[-DAY:], rel=0.05)
 

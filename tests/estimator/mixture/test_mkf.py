@@ -195,8 +195,7 @@ def test_a_gain_that_is_as_good_as_never_on_is_none():
     state = estimator.start(1, np.array([20.0]), np.array([5.0, 0.0]))
     on = np.where(np.arange(8) == 0, 1.0, 0.0)
     state = state._replace(gain_on=on[None], log_weights=np.where(on > 0.0, -740.0, -np.log(7.0)))
-    quiet = estimator.update(state, np.array([np.nan])).disturbance(np.zeros(2))
-    np.testing.assert_array_equal(quiet.gain, 0.0)
+    np.testing.assert_array_equal(estimator.update(state, np.array([np.nan])).disturbance(np.zeros(2)).gain, 0.0)
 
 
 def test_parameters_come_close_to_the_truth_and_their_intervals_hold_it():
@@ -250,8 +249,7 @@ def test_one_of_two_outputs_may_be_missing():
     posterior = estimator.update(state, np.array([np.nan, 18.1]))
     assert np.isfinite(posterior.log_likelihood)
     assert posterior.disturbance(np.zeros(3)).measurement_sd.shape == (2, 3)
-    only = estimator.update(state, np.array([20.0, np.nan]))
-    assert posterior.log_likelihood != only.log_likelihood
+    assert posterior.log_likelihood != estimator.update(state, np.array([20.0, np.nan])).log_likelihood
 
 
 def test_it_finds_the_sun_of_the_facades_and_the_habits_of_people():
@@ -290,5 +288,4 @@ def test_it_finds_the_sun_of_the_facades_and_the_habits_of_people():
         assert abs(found[at] - value) < (0.5 if net.terms[at].unit == "m2" else 100.0)
     # What its draws say is what its own futures are: the coefficients are in the matrices too.
     path = mean_path(of_draws(estimator.draws(state, 200), PERIOD, 1), drive[:144])
-    futures = estimator.scenarios(state, drive[:144], 200).mean(axis=0)
-    np.testing.assert_allclose(path, futures, atol=0.1)
+    np.testing.assert_allclose(path, estimator.scenarios(state, drive[:144], 200).mean(axis=0), atol=0.1)

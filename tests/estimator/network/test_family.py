@@ -43,8 +43,7 @@ def test_two_layers_with_a_stiff_joint_lose_as_much_as_one():
     layered = with_two_layers(own)
     joined = heat_loss(assemble(layered, middle(layered, g_layers=1e9)), 0)
     assert joined == pytest.approx(heat_loss(assemble(own, middle(own)), 0), rel=1e-5)
-    outer = next(edge for edge in layered.conductances if edge.name == "g_e_out")
-    assert outer.between == ("T_outer", "T_out")
+    assert next(edge for edge in layered.conductances if edge.name == "g_e_out").between == ("T_outer", "T_out")
 
 
 def test_direct_heat_is_a_share_of_all_heat():

@@ -23,8 +23,7 @@ def test_the_paper_kernel_has_the_papers_coefficients():
     for gate in (0.05, 0.5, 1.0):
         kernel = liu_west_kernel(np.zeros(2), covariance, gate, paper)
         assert kernel.shrink == pytest.approx(1 - gate * (1 - paper.shrinkage))
-        expected = gate * (1 - paper.shrinkage**2) * covariance
-        np.testing.assert_allclose(kernel.jitter @ kernel.jitter.T, expected)
+        np.testing.assert_allclose(kernel.jitter @ kernel.jitter.T, gate * (1 - paper.shrinkage**2) * covariance)
 
 
 @pytest.mark.parametrize("preserving", [True, False])

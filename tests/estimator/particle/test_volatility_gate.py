@@ -24,8 +24,7 @@ def test_the_walk_has_its_standard_deviation_and_no_drift():
 
 
 def test_alpha_stays_inside_its_bounds():
-    wild = options(volatility_sd=10.0)
-    walked = propagate_volatility(np.zeros((1, 1000)), wild, Draws(1, 1))
+    walked = propagate_volatility(np.zeros((1, 1000)), options(volatility_sd=10.0), Draws(1, 1))
     assert walked.min() == pytest.approx(np.log(0.01))
     assert walked.max() == pytest.approx(np.log(25.0))
 

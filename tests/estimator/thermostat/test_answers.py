@@ -71,8 +71,7 @@ def test_what_two_plans_have_in_common_cancels_out():
 
 def test_hours_below_a_set_point_leave_out_steps_without_one():
     temperatures = np.array([[20.0, 19.0, 19.0, 18.0], [21.0, 21.0, 21.0, 21.0]])
-    setpoints = np.array([20.0, 20.0, np.nan, 20.0])
-    amounts = below(temperatures, setpoints, np.full((4, 2), 0.5), 1800.0, 0.5)
+    amounts = below(temperatures, np.array([20.0, 20.0, np.nan, 20.0]), np.full((4, 2), 0.5), 1800.0, 0.5)
     assert amounts.values.ravel().tolist() == [1.0, 0.0]
     assert amounts.mean() == pytest.approx([0.5])
 

@@ -196,18 +196,15 @@ def test_before_a_law_is_known_the_heat_is_held_or_as_the_day_before():
     zone = Zone().run(recorded(1, PERIOD), 0, 10)
     rows = np.tile(zone.before, (DAILY, 1))
     assert zone.forecasts.planned(zone.live, zone.now(), rows[:, 0], ahead(rows)) is None
-    fan = zone.forecasts.unplanned(zone.live, zone.now(), ahead(rows))
-    assert fan.chances[:, : len(GUESSES)].max() == 0.0
+    assert zone.forecasts.unplanned(zone.live, zone.now(), ahead(rows)).chances[:, : len(GUESSES)].max() == 0.0
 
 
 def test_a_black_box_has_no_answer_to_a_plan_of_set_points():
-    data = recorded(3, PERIOD)
-    zone = Zone("arx").run(data, 0, 3 * DAILY)
+    zone = Zone("arx").run(recorded(3, PERIOD), 0, 3 * DAILY)
     assert len(zone.thermostat.laws.column) == 1
     rows = np.tile(zone.before, (DAILY, 1))
     assert zone.forecasts.planned(zone.live, zone.now(), np.full(DAILY, 20.0), ahead(rows)) is None
-    fan = zone.forecasts.unplanned(zone.live, zone.now(), ahead(rows))
-    assert len(fan.outputs.means) == DAILY + 1
+    assert len(zone.forecasts.unplanned(zone.live, zone.now(), ahead(rows)).outputs.means) == DAILY + 1
 
 
 def bits(zone):
@@ -296,8 +293,7 @@ def test_guesses_are_as_now_yesterday_last_week_and_usual_by_kind_of_day():
 
 
 def test_a_guess_is_as_now_where_nothing_is_remembered():
-    memory = told_every_hour(2, lambda moment: 18.0)
-    found = guesses(memory, 21.0, 2 * 86400 + 3600.0 * np.arange(24))
+    found = guesses(told_every_hour(2, lambda moment: 18.0), 21.0, 2 * 86400 + 3600.0 * np.arange(24))
     assert (found[GUESSES.index("as-last-week")] == 21.0).all()
     assert (found[GUESSES.index("as-yesterday")] == 18.0).all()
     assert (guesses(no_memory(2), 21.0, np.arange(3.0)) == 21.0).all()
@@ -321,8 +317,7 @@ def test_a_bank_without_a_set_point_asks_its_blind_regressions_too():
     outputs, inputs, _ = recorded(6, PERIOD)
     members = {"ekf": {"estimator": "ekf"}, "blind": {"estimator": "direct", "blind": True}}
     zone = Zone("bank", {"members": members}).run((outputs, inputs, np.full(len(outputs), np.nan)), 0, 6 * DAILY)
-    rows = np.tile(zone.before, (DAILY, 1))
-    fan = zone.forecasts.unplanned(zone.live, zone.now(), ahead(rows))
+    fan = zone.forecasts.unplanned(zone.live, zone.now(), ahead(np.tile(zone.before, (DAILY, 1))))
     chances = dict(zip(FUTURES, fan.chances[-1], strict=True))
     assert min(chances[name] for name in ("heat-held", "heat-of-yesterday", "by-regression")) > 0.0
     assert sum(chances[name] for name in GUESSES) == 0.0

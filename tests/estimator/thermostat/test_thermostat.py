@@ -72,8 +72,7 @@ def recorded(laws, days=14.0, mean=3.0, seed=1, noise=0.03, setpoint=schedule):
     """The memory of a house that `laws` heat and cool, with noisy sensors and moving temperatures."""
     when = times(days)
     rows, wanted = weather(when, mean), setpoint(when)
-    house = draws(1, noise=0.02)
-    paths = sampled_loops(house, PERIOD, exactly(laws), wanted, rows, np.zeros(2), seed=seed, origin=0)
+    paths = sampled_loops(draws(1, noise=0.02), PERIOD, exactly(laws), wanted, rows, np.zeros(2), seed=seed, origin=0)
     rows[:, 1] = paths.heat[0].sum(axis=1)
     seen = paths.temperatures[0, :-1, 0] + noise * np.random.default_rng(seed).normal(size=len(when))
     memory, before = no_memory(2), np.full(2, np.nan)

@@ -36,8 +36,7 @@ def lived(loop, steps, missing=(), heat=lambda k: 600.0 * (k % 5 < 2)):
     carried, kept = loop.begin(), []
     for k in range(steps):
         y = np.nan if k in missing else 20.0 + 0.3 * np.sin(k / 9) + 0.02 * rng.normal()
-        inputs = np.array([outdoors(k), heat(k)])
-        carried = loop.step(carried, k * PERIOD, np.array([y]), inputs, k > 0).carried
+        carried = loop.step(carried, k * PERIOD, np.array([y]), np.array([outdoors(k), heat(k)]), k > 0).carried
         kept.append((carried, y))
     return kept
 

@@ -32,8 +32,7 @@ def test_one_gaussian_has_the_closed_form(value):
 
 
 def test_a_sure_forecast_costs_its_absolute_error():
-    mixture = Mixture(np.ones(1), np.array([[20.0]]), np.array([[1e-9]]))
-    assert crps(mixture, 0, 21.5) == pytest.approx(1.5)
+    assert crps(Mixture(np.ones(1), np.array([[20.0]]), np.array([[1e-9]])), 0, 21.5) == pytest.approx(1.5)
 
 
 def test_a_reduced_mixture_keeps_mean_spread_and_score():

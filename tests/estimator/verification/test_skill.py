@@ -24,6 +24,5 @@ def test_a_window_has_the_means_of_what_was_noted_in_it():
 
 def test_an_hour_takes_the_place_of_the_one_thirty_days_before():
     book = noted(empty_book(1), 5, 0, NOTE)
-    later = noted(book, 5 + HOURS, 0, NOTE)
-    assert scores(Scores, later, until=5 + HOURS, window=HOURS).forecasts[0] == 1
+    assert scores(Scores, noted(book, 5 + HOURS, 0, NOTE), until=5 + HOURS, window=HOURS).forecasts[0] == 1
     assert scores(Scores, book, until=5, window=1).forecasts[0] == 1, "what is passed in is not changed"

@@ -55,8 +55,7 @@ def test_what_fills_up_weighs_nothing(first, later):
     assert whole.means.shape == (5, 2, max(first, later))
     told = summary(whole, LEVELS, True)
     for time, mixture in enumerate([now, *rest.each()]):
-        alone = summary(Mixtures.of_one(mixture), LEVELS, True)
-        for of_whole, of_one in zip(told, alone, strict=True):
+        for of_whole, of_one in zip(told, summary(Mixtures.of_one(mixture), LEVELS, True), strict=True):
             np.testing.assert_allclose(of_whole[time], of_one[0], rtol=1e-10)
     assert isinstance(whole.at(0), Mixture)
 

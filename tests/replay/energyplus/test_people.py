@@ -15,8 +15,7 @@ MONDAY = 20101  # days since 1970
 def test_a_day_follows_from_its_number_and_the_seed_alone(name: str) -> None:
     for number, room in enumerate(BUILDINGS[name].rooms):
         days = [draw_day(room.use, MONDAY + k, 300.0, 1, number) for k in range(14)]
-        again = draw_day(room.use, MONDAY + 9, 300.0, 1, number)
-        for field, values in zip(again, days[9], strict=True):
+        for field, values in zip(draw_day(room.use, MONDAY + 9, 300.0, 1, number), days[9], strict=True):
             np.testing.assert_array_equal(field, values)
         other = [draw_day(room.use, MONDAY + k, 300.0, 2, number) for k in range(14)]
         for kind in range(4):

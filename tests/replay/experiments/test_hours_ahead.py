@@ -259,8 +259,7 @@ def test_a_network_with_known_heat_is_driven_as_in_the_daemon() -> None:
     record, where, leads = lived_in(3), Whereabouts(time_zone="Europe/Berlin"), (1, 6)
     options = {"members": {"habits": {"estimator": "mkf", "preset": "habits"}}}
     made = run_hours(FilterRun("bank", options, network, HOUR, record, 3, where, leads))
-    heat = known_heat(network, HOUR, where)
-    drive = heat.drive(record.times.astype(np.float64), record.inputs)
+    drive = known_heat(network, HOUR, where).drive(record.times.astype(np.float64), record.inputs)
     model = registry.build("bank", network, HOUR, options)
     state = model.predict(model.start(3, record.outputs[0], drive[0]), drive[0])
     for k in range(1, 41):
@@ -275,8 +274,7 @@ def test_the_first_days_hold_what_came_true_in_them() -> None:
     record = series([0.0] * 40)
     made = no_forecasts(40, 3)
     made.mean[:, 1] = made.crps[:, 1] = np.where(np.arange(40) < 4, np.nan, np.arange(40.0))
-    recording = Recording("r", "", False, presets.network("tite"), 6 * HOUR, record)
-    found = figures(recording, made._asdict())
+    found = figures(Recording("r", "", False, presets.network("tite"), 6 * HOUR, record), made._asdict())
     # Four steps of 6 h ahead, so the first target is row 4; three days end before row 12.
     assert found[key("forecasts scored", "24 h", FIRST_DAYS)] == 8
     assert found[key("largest error, K", "24 h", FIRST_DAYS)] == 11
@@ -336,8 +334,7 @@ def test_verdicts_follow_from_the_numbers(building: Path) -> None:
 def test_a_configuration_brings_its_recording(tmp_path: Path) -> None:
     config = str(ROOT / "deploy/examples/generic-csv.toml")
     few = [word for name in ("persistence", "mkf:particles=16", "bank", "planned") for word in ("--contender", name)]
-    out = experiment(tmp_path, "--config", config, "--seeds", "2", *few)
-    table = rows_of(out / "crps-after-three-days.csv")
+    table = rows_of(experiment(tmp_path, "--config", config, "--seeds", "2", *few) / "crps-after-three-days.csv")
     assert [row["ahead"] for row in table] == ["1 step", "1 h", "6 h"], "two days are too short for 24 h"
     assert {row["recording"] for row in table} == {"room-1"}
     assert all(float(row["mkf:particles=16"]) > 0 for row in table)

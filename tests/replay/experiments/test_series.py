@@ -29,8 +29,7 @@ def test_the_loop_says_what_the_zone_worker_publishes(tmp_path: Path) -> None:
     config = load(ECOLAR, settings)
     zone = config.zones[0]
     series = of_zone(config, zone).series
-    run = FilterRun("rbpf", zone.estimator_options, zone.network, zone.period, series, 3)
-    trace = Trace(**run_filter(run))
+    trace = Trace(**run_filter(FilterRun("rbpf", zone.estimator_options, zone.network, zone.period, series, 3)))
     assert [row["time"] for row in rows] == utc_stamps(series.times)
     assert sum(series.starts) == len({row["segment"] for row in rows}) > 1
     for name in ("mean", "lower", "upper", "gate"):
@@ -41,8 +40,7 @@ def test_the_loop_says_what_the_zone_worker_publishes(tmp_path: Path) -> None:
 def test_scores_of_the_floor_are_those_of_someone_who_knows_everything() -> None:
     network, case = PRESETS["building-67"], simulated_case(Request(days=12), 4)
     options = {"process_sd": PROCESS_NOISE_SD, "measurement_sd": MEASUREMENT_NOISE_SD}
-    run = FilterRun("floor", options, network, PERIOD, case.series, 4)
-    scores = figures(case, Trace(**run_filter(run)))
+    scores = figures(case, Trace(**run_filter(FilterRun("floor", options, network, PERIOD, case.series, 4))))
     assert [scores[f"H2 {name}"] for name in ("solar", "heater", "outside")] == [0.0, 0.0, 0.0]
     assert np.isnan(scores["parasitic-learning index"]), "nothing moves, so there is no index"
     # The gain is ignored here: quiet steps are covered, disturbed ones are not.
@@ -57,8 +55,7 @@ def test_scores_of_the_floor_are_those_of_someone_who_knows_everything() -> None
     [("mkf", {"particles": 16}), ("mkf", {"particles": 16, "measurement_sd": 0.15}), ("arx", {})],
 )
 def test_the_filtered_convention_leaves_out_a_noise_that_is_known(estimator: str, options: dict[str, object]) -> None:
-    series = simulated_case(Request(days=1), 1).series
-    run = FilterRun(estimator, options, PRESETS["building-67"], PERIOD, series, 1)
+    run = FilterRun(estimator, options, PRESETS["building-67"], PERIOD, simulated_case(Request(days=1), 1).series, 1)
     trace = Trace(**run_filter(run))
     assert np.isfinite(trace.mean[1:]).all()
     if estimator == "arx":

@@ -46,8 +46,7 @@ def record(hours: int = 96, period: int = 900) -> ZoneRecord:
     k = np.arange(len(times))
     outdoor, heat = 3.0 + 4.0 * np.sin(k / 15), 3000.0 * (np.sin(k / 7) > 0.3)
     network = presets.network("tite")
-    inputs = np.column_stack([outdoor, heat])
-    indoor = simulate(network, TRUTH, inputs, period, x0=np.array([20.0, 16.0]))[:, 0]
+    indoor = simulate(network, TRUTH, np.column_stack([outdoor, heat]), period, x0=np.array([20.0, 16.0]))[:, 0]
     return ZoneRecord(times, period, {"T_i": indoor, "T_out": outdoor, "u_heat": heat})
 
 
@@ -102,8 +101,7 @@ def test_the_simplest_of_the_comparable_is_taken() -> None:
     ranked = rank(entries({"M1": scores(0.6, 0.3), "M4": scores(0.36, 0.26), "M7": scores(0.35, 0.255)}))
     assert [entry.candidate.label for entry in ranked] == ["M4", "M7", "M1"]
     assert [entry.loss for entry in ranked] == pytest.approx([0.0241, 0.0, 0.420], abs=1e-3)
-    clear = rank(entries({"M4": scores(0.36, 0.28), "M7": scores(0.35, 0.255)}))
-    assert clear[0].candidate.label == "M7"
+    assert rank(entries({"M4": scores(0.36, 0.28), "M7": scores(0.35, 0.255)}))[0].candidate.label == "M7"
 
 
 def test_the_rule_takes_from_the_papers_table_what_the_paper_took() -> None:
@@ -116,8 +114,7 @@ def test_the_rule_takes_from_the_papers_table_what_the_paper_took() -> None:
 
 
 def test_a_worse_held_out_part_counts() -> None:
-    ranked = rank(entries({"M4": scores(0.36, 0.26, 0.4), "M7": scores(0.30, 0.20, 0.7)}))
-    assert ranked[0].candidate.label == "M4"
+    assert rank(entries({"M4": scores(0.36, 0.26, 0.4), "M7": scores(0.30, 0.20, 0.7)}))[0].candidate.label == "M4"
 
 
 def test_what_a_short_recording_does_not_tell_is_not_said() -> None:
@@ -148,8 +145,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _few(recording):
-    kept = [c for c in recording.candidates if c.label in ("own", "M1")]
-    return recording._replace(candidates=kept)
+    return recording._replace(candidates=[c for c in recording.candidates if c.label in ("own", "M1")])
 
 
 def experiment(out: Path, *options: str) -> int:

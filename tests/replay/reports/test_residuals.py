@@ -63,8 +63,7 @@ def test_the_memory_of_an_error_is_seen():
     noise, errors = white(), np.zeros(4000)
     for k in range(1, 4000):
         errors[k] = 0.7 * errors[k - 1] + noise[k]
-    found = diagnostics(trace(errors))
-    assert found.autocorrelation[:3] == pytest.approx([0.7, 0.49, 0.343], abs=0.09)
+    assert diagnostics(trace(errors)).autocorrelation[:3] == pytest.approx([0.7, 0.49, 0.343], abs=0.09)
 
 
 def test_an_input_is_seen_at_its_lag():

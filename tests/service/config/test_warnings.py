@@ -12,8 +12,7 @@ from service.config.load import load
 def on_modbus(folder: Path, heat: dict[str, Any], **source: object) -> dict[str, Any]:
     """The sound configuration with its first zone on Modbus."""
     tables = sound(folder)
-    bms = {"kind": "modbus", "host": "10.0.0.5", "first_register": 0, "type": "float32"}
-    tables["sources"]["bms"] = bms | source
+    tables["sources"]["bms"] = {"kind": "modbus", "host": "10.0.0.5", "first_register": 0, "type": "float32"} | source
     tables["zones"][0]["channels"] = {
         "T_i": {"source": "bms", "register": 0, "unit": "degC"},
         "T_out": {"source": "bms", "register": 2, "unit": "degC"},

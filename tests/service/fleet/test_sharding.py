@@ -52,8 +52,7 @@ def test_zones_that_read_from_one_device_share_a_shard_and_others_go_by_themselv
         for room, (own, shared) in rooms.items()
     ]
     zones.append(posted("posted", 600))
-    path = sites.written(tmp_path, {**devices, "clients": {"kind": "http"}}, zones)
-    config = load(path)
+    config = load(sites.written(tmp_path, {**devices, "clients": {"kind": "http"}}, zones))
     assert keys(config) == {
         "a1": "source/alpha",
         "a2": "source/alpha",

@@ -167,8 +167,7 @@ def test_demand_without_a_plan_foresees_the_set_points(worker):
 
 
 def test_the_difference_of_two_plans_is_surer_than_either(worker):
-    question = CompareQuestion(DAILY, [Course("usual", USUAL), Course("1 K less", USUAL - 1.0)], 0.3)
-    found = answer(worker, question)
+    found = answer(worker, CompareQuestion(DAILY, [Course("usual", USUAL), Course("1 K less", USUAL - 1.0)], 0.3))
     usual, less = found.plans
     (saved,) = found.differences
     truth = kilowatt_hours(followed(lambda hour: morning(hour) - 1.0)[1]) - kilowatt_hours(followed(morning)[1])
@@ -180,8 +179,7 @@ def test_the_difference_of_two_plans_is_surer_than_either(worker):
 
 
 def test_plans_that_are_alike_differ_in_nothing(worker):
-    found = answer(worker, CompareQuestion(DAILY, [Course("a", 20.0), Course("b", 20.0)]))
-    (difference,) = found.differences
+    (difference,) = answer(worker, CompareQuestion(DAILY, [Course("a", 20.0), Course("b", 20.0)])).differences
     assert (difference.energy.lower, difference.energy.mean, difference.energy.upper) == (0.0, 0.0, 0.0)
     assert difference.cost is None
 

@@ -60,10 +60,8 @@ def test_heat_of_people_is_what_nobody_measured_and_counts_habits_once(worker):
     times = worker.latest.time + PERIOD * np.arange(144.0)
     inputs = np.tile([15.0, 300.0, 0.0], (144, 1))
     past = Past(times, PERIOD, np.full(144, 20.0), np.full(144, np.nan), np.tile(gain, (144, 1)), inputs)
-    people = np.array(asked(worker, RoomQuestion(past)).people)
-    np.testing.assert_allclose(people, gain[1])
-    unknown = past._replace(gain=np.full((144, 3), np.nan))
-    habits = np.array(asked(worker, RoomQuestion(unknown)).people)
+    np.testing.assert_allclose(np.array(asked(worker, RoomQuestion(past)).people), gain[1])
+    habits = np.array(asked(worker, RoomQuestion(past._replace(gain=np.full((144, 3), np.nan)))).people)
     assert habits.std() > 0.0
     assert 0.0 < habits.mean() < 400.0
 

@@ -247,8 +247,7 @@ def test_it_cools_and_heats_as_fast_as_the_house(worker):
 def test_a_room_that_was_never_left_unheated_cools_without_heating():
     """Regressions, which carry most of a young bank, know no such thing."""
     told = (Sample.measured(k * 1800, np.array([21.0 + 0.05 * (k % 2)]), np.array([0.0, 1500.0])) for k in range(60))
-    bank = fed(new("bank", "tite", 1800, hold_inputs=1800.0), told)
-    assert answers(asked(bank))["cooling"].value > 0.5
+    assert answers(asked(fed(new("bank", "tite", 1800, hold_inputs=1800.0), told)))["cooling"].value > 0.5
 
 
 @pytest.mark.parametrize(("period", "told"), [(9, False), (10, True)])

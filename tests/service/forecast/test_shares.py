@@ -35,8 +35,7 @@ def sharing():
 
 def test_the_share_is_learned_with_an_interval(sharing):
     learned = Shares.of(sharing)
-    place = sharing.network.shares["u_heat"]
-    lower, median, upper = sharing.parameters((0.025, 0.5, 0.975)).parameters[place]
+    lower, median, upper = sharing.parameters((0.025, 0.5, 0.975)).parameters[sharing.network.shares["u_heat"]]
     assert lower < 1.0 / METERED < upper
     assert learned.medians.tolist() == [1.0, median]
     assert learned.spreads[0] == 0.0 < learned.spreads[1]

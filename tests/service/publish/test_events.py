@@ -201,8 +201,7 @@ async def test_sentences_are_in_the_language_that_is_asked_for():
         reasons = [trust["horizons"][0]["reason"] for trust in begun]
         assert reasons == ["noch nicht auf das Modell verlassen", "do not rely on the model yet"]
         zone.state, zone.reason = "stalled", "its recording has come to an end"
-        state = zone.now()
-        await asyncio.to_thread(server.streams.publish, Announcement(SITE, "living", state, Occasion.STATUS))
+        await asyncio.to_thread(server.streams.publish, Announcement(SITE, "living", zone.now(), Occasion.STATUS))
         for client, told in ((german, "die Aufzeichnung ist zu Ende"), (english, "its recording has come to an end")):
             assert (await client.events(6))[-1][2]["reason"] == told
 

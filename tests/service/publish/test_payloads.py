@@ -53,8 +53,7 @@ def test_a_forecast_names_what_is_suspected_of_its_telemetry_beside_its_quality(
     lie, other = (Finding(name, "u_heat", "a sentence") for name in (METER_DEAD, AT_BOUND))
     update, status = make_update(0), running("living").now().status
     for findings, expected in (((), []), ((other,), []), ((lie, other), [METER_DEAD])):
-        doubted = status._replace(diagnosis=Diagnosis(findings))
-        told = written(vouched(ForecastPayload.of(update), doubted))
+        told = written(vouched(ForecastPayload.of(update), status._replace(diagnosis=Diagnosis(findings))))
         assert (told["quality"], told["suspected"]) == ("good", expected)
 
 

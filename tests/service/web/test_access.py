@@ -146,8 +146,7 @@ PEERS = {"10.0.0.5": "10.0.0.5", "2001:db8:1:2:3:4:5:6": "2001:db8:1:2::/64", ":
 
 @pytest.mark.parametrize(("host", "peer"), [*PEERS.items(), ("x" * 10_000, "x" * 64), (None, "unknown")])
 def test_a_peer_is_its_address(host: str | None, peer: str) -> None:
-    client = None if host is None else (host, 1)
-    assert peer_of({"type": "http", "client": client}) == peer
+    assert peer_of({"type": "http", "client": None if host is None else (host, 1)}) == peer
 
 
 def test_while_nobody_can_say_which_keys_are_good_none_is(app: FastAPI, file: Path) -> None:

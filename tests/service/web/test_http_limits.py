@@ -106,8 +106,7 @@ async def test_who_never_reads_is_cut_off(path: str) -> None:
 
 @pytest.mark.parametrize("path", ["/large?megabytes=8", "/endless"])
 async def test_who_reads_slowly_gets_it_all(path: str) -> None:
-    limits = QUICK | {"send_timeout": 1.0}
-    async with serving(small_app(), config(limits=limits)) as server:
+    async with serving(small_app(), config(limits=QUICK | {"send_timeout": 1.0})) as server:
         client = await Client.to(server, limit=2**14)
         client.writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2**16)
         await client.send(f"GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode())
@@ -129,8 +128,7 @@ async def test_what_a_client_has_not_taken_when_the_server_stops_is_dropped() ->
 
 async def test_room_for_answers_is_made_before_the_next_one_is_taken_in() -> None:
     """Between two sweeps a thousand answers could begin to wait."""
-    limits = {"unsent": 2**20, "send_timeout": 170}
-    async with serving(small_app(), config(limits=limits)) as server:
+    async with serving(small_app(), config(limits={"unsent": 2**20, "send_timeout": 170})) as server:
         deaf = [await Client.to(server, limit=1024) for _ in range(8)]
         for client in deaf:
             await client.send(b"GET /large?megabytes=24 HTTP/1.1\r\nHost: localhost\r\n\r\n")
@@ -241,8 +239,7 @@ async def test_bodies_up_to_the_limit_are_taken(daemon_app: FastAPI) -> None:
 
 @pytest.mark.parametrize("path", ["/size", "/"])
 async def test_a_body_in_endless_tiny_chunks_ends_its_connection(path: str) -> None:
-    patient = {"receive_timeout": 170, "idle_timeout": 170}
-    async with serving(small_app(), config(limits=patient)) as server:
+    async with serving(small_app(), config(limits={"receive_timeout": 170, "idle_timeout": 170})) as server:
         client = await Client.to(server)
         await client.send(CHUNKED.replace(b"/size", path.encode()) + b"1\r\na\r\n" * (FREE_CHUNKS + 10))
         answer = await client.ended()

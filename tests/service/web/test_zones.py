@@ -65,8 +65,7 @@ def test_a_time_is_of_any_zone_and_its_fraction_of_a_second_rounds_up(app: FastA
 
 
 def test_of_many_zones_a_404_names_few() -> None:
-    zones = {f"room-{k}": running(f"room-{k}") for k in range(500)}
-    app = create_app("htwg", zones, CollectorRegistry())
+    app = create_app("htwg", {f"room-{k}": running(f"room-{k}") for k in range(500)}, CollectorRegistry())
     for answer in (
         get(app, "/zones/room"),
         request(app, "POST", "/forecasts", json={"horizon": "1h", "zones": ["room"], "plans": [{}]}),
@@ -93,5 +92,4 @@ def test_a_body_that_is_not_json(app: FastAPI) -> None:
         ({"content": '{"horizon": "1h"}'}, "the body was not sent as JSON; set Content-Type: application/json"),
         ({}, "the JSON body is missing"),
     ):
-        answer = request(app, "POST", "/zones/living/forecast", **sent)
-        assert problem(answer, 422)["errors"][0].startswith(sentence)
+        assert problem(request(app, "POST", "/zones/living/forecast", **sent), 422)["errors"][0].startswith(sentence)

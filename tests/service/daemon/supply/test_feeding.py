@@ -121,8 +121,7 @@ def test_pauses_are_bounded_and_short_again_after_progress(pauses):
 
 def test_pauses_differ_so_that_many_daemons_do_not_come_back_at_once(pauses, monkeypatch):
     monkeypatch.setattr(service.daemon.supply.feeding.random, "uniform", random.Random(5).uniform)
-    down = SourceUnavailable("sources.bms: down")
-    run(Scripted(*[([], down)] * 40, ([], None)))
+    run(Scripted(*[([], SourceUnavailable("sources.bms: down"))] * 40, ([], None)))
     assert all(15.0 <= pause <= 30.0 for pause in pauses[5:])
     assert len(set(pauses[5:])) > 30
 
