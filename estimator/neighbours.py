@@ -18,8 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import DAY, Array, under
+from estimator.arrays import DAY, Array, together, under
 from estimator.bank.bank import Bank, BankState
+from estimator.bank.weights import Costs
 from estimator.blackbox.arx import ARX, ARXState
 from estimator.blackbox.daily import Daily, DailyState
 from estimator.blackbox.direct import CLOCK, Direct
@@ -271,17 +272,23 @@ def _same_bank(one: Bank, other: Estimator) -> bool:
 
 
 def _proved(states: Sequence[BankState]) -> dict[str, Array]:
-    hours = np.stack([state.costs.hours for state in states])
-    shares = _shares(hours, 24.0 * DAYS)
     counts = np.stack([state.widths.verified for state in states])
     scales = np.stack([state.widths.log_scale for state in states])
     means = (counts * scales).sum(axis=0) / np.maximum(counts.sum(axis=0), 1e-12)
     return {
-        "costs.excess": (shares[:, None] * np.stack([state.costs.excess for state in states])).sum(axis=0),
-        "costs.whole": (shares * np.stack([state.costs.whole for state in states])).sum(axis=0),
-        "costs.hours": (shares * hours).sum(axis=0),
         "widths.log_scale": means,
         "widths.verified": np.minimum(counts.mean(axis=0), 24.0 * DAYS),
+        **together({part + ".": _costs([getattr(state, part) for state in states]) for part in ("costs", "answers")}),
+    }
+
+
+def _costs(each: Sequence[Costs]) -> dict[str, Array]:
+    hours = np.stack([one.hours for one in each])
+    shares = _shares(hours, 24.0 * DAYS)
+    return {
+        "excess": (shares[:, None] * np.stack([one.excess for one in each])).sum(axis=0),
+        "whole": (shares * np.stack([one.whole for one in each])).sum(axis=0),
+        "hours": (shares * hours).sum(axis=0),
     }
 
 
@@ -292,5 +299,6 @@ def _begun_bank(bank: Bank, state: BankState, time: float, known: Experience) ->
             for place, (member, own) in enumerate(zip(bank.members, state.members, strict=True))
         ),
         costs=state.costs._replace(**under("costs.", known)),
+        answers=state.answers._replace(**(under("answers.", known) or under("costs.", known))),
         widths=state.widths._replace(**under("widths.", known)),
     )

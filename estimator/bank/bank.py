@@ -9,7 +9,7 @@ open, so in its records much heat does not go with much warmth, and a member tha
 of the sensor learns that heating does little: the bias of output-error fits in closed loop (Forssell and Ljung,
 "Closed-loop identification revisited", Automatica 35, 1999). It foresees well what the thermostat will bring about.
 What another heating would do, and what is told of the building, is left to members whose model of the disturbances is
-fit for that (`Member.plans`).
+fit for that (`Member.plans`); the others tell under a plan what would follow the usual heating.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,12 +18,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import HOUR, Array, Indices, together, under
+from estimator.arrays import DAY, HOUR, Array, Indices, Mask, together, under
 from estimator.bank.coverage import Widths, no_widths, with_place
+from estimator.bank.departures import as_usual, departure
 from estimator.bank.mixing import mixed, mixed_futures, stretched
 from estimator.bank.options import BankOptions, prior_at
 from estimator.bank.residuals import Corrector, Residuals
-from estimator.bank.weights import Costs, between, costs_of, no_costs, weights, with_cost
+from estimator.bank.weights import (
+    NEGLIGIBLE,
+    Costs,
+    between,
+    costs_of,
+    counting,
+    no_costs,
+    weights,
+    with_cost,
+)
 from estimator.blackbox.arx import ARX
 from estimator.blackbox.direct import Direct
 from estimator.network.assembly import assemble, topology
@@ -48,9 +58,6 @@ from estimator.verification.scores import distribution, reduced
 _COMPONENTS = 48
 """Components that a member brings into the distribution of the next sample at most."""
 
-_NEGLIGIBLE = 0.01
-"""Weight below which, if it has no more at any lead of a forecast, a member is left out of it."""
-
 _DRAWS = 400
 """Draws from a member for the quantiles of the parameters."""
 
@@ -74,13 +81,17 @@ class BankState(NamedTuple):
     members: tuple[Any, ...]
     pending: Pending
     costs: Costs
+    answers: Costs
+    """The same of answers to plans of heating."""
     widths: Widths
     residuals: Residuals
-    """Of the members that answer plans."""
+    """Of the members that `plans` names."""
     lost: Array
     """(E,): samples in a row that each member could not explain."""
     phase: Array
     """(): which steps issue the forecasts that are verified."""
+    departs: bool = False
+    """Whether the heating to come is a plan, which departs from what is usual; of an issue, never stored."""
 
 
 class _Drawn(NamedTuple):
@@ -122,9 +133,14 @@ class Bank(OneState):
         self._knowing = knowing if knowing.any() else self.plans
         """(E,): who of them knows sun and habits, where anyone does."""
         self.blocks = self.members[self._voice].blocks
-        self._hindsight = Hindsight(self.network, self.members, period)
+        self._heat = [place for place, name in enumerate(network.inputs) if network.channel_unit(name) == "W"]
+        self._usual = ~self.plans & self.plans.any() & bool(self._heat)
+        """(E,): who tells the usual course, from which a plan departs."""
         self._columns = [self.network.columns(member.network) for member in self.members]
         """What of the bank's drive row drives every member's network."""
+        self._day = max(1, round(DAY / period))
+        before = self._day if self._usual.any() else 0
+        self._hindsight = Hindsight(self.network, self.members, period, before)
         self.leads = (1, *(lead for lead in self._hindsight.leads if lead > 1))
         """Steps ahead of the horizons at which weights and widths are learned."""
         answering = np.flatnonzero(self.plans).tolist()
@@ -154,6 +170,7 @@ class Bank(OneState):
             members=members,
             pending=self._hindsight.start(),
             costs=no_costs(len(members), len(self.leads)),
+            answers=no_costs(len(members), len(self.leads)),
             widths=no_widths(len(self.leads)),
             residuals=self._corrector.start(outputs),
             lost=np.zeros(len(members)),
@@ -166,9 +183,13 @@ class Bank(OneState):
             member.restart(own, outputs, inputs[columns])
             for member, own, columns in zip(self.members, state.members, self._columns, strict=True)
         )
+        pending, past = self._hindsight.start(), state.pending.inputs[-self._day :]
+        if self._usual.any() and len(past):
+            # Nobody tells how long the gap was, and so at which hours it was heated.
+            pending = pending._replace(inputs=np.broadcast_to(past.mean(axis=0), (self._day, past.shape[1])))
         return state._replace(
             members=members,
-            pending=self._hindsight.start(),
+            pending=pending,
             residuals=self._corrector.restart(state.residuals, outputs),
             lost=np.zeros(len(members)),
         )
@@ -195,13 +216,14 @@ class Bank(OneState):
         posteriors = [member.update(own, outputs) for member, own in zip(self.members, state.members, strict=True)]
         vanished = np.array([posterior.outcome is Outcome.VANISHED for posterior in posteriors])
         known = bool(np.isfinite(outputs).any()) and not vanished.all()
-        due = tuple(self._hindsight.due(state.pending)) if known else ()
+        told = tuple(self._hindsight.due(state.pending)) if known else ()
         believed = outputs if known else np.full_like(outputs, np.nan)
-        residuals, due = self._corrector.judged(state.residuals, due, state.pending.inputs, believed)
+        residuals, due = self._corrector.judged(state.residuals, told, state.pending.inputs, believed)
         bounds = self._bounds(state) if due else None
         verified = tuple(Verified(one.lead, self._published(one, bounds)) for one in due)
         before = self._weights(state)
         after = self._learned(state, before, outputs, due, verified) if known else state
+        after = after._replace(answers=self._judged(state, outputs, told, due))
         after = self._members_after(after._replace(residuals=residuals), posteriors, vanished, outputs, due)
         now = self._weights(after)
         best = self._most_trusted(now)
@@ -255,7 +277,7 @@ class Bank(OneState):
         if 0.0 < knowing * (1.0 - _KNOWING) < others * _KNOWING and not state.lost[self._knowing].all():
             now = np.where(self._knowing, now * (others * _KNOWING / (knowing * (1.0 - _KNOWING))), now)
         for place, (member, own) in enumerate(zip(self.members, state.members, strict=True)):
-            if self.plans[place] and (now[place] >= _NEGLIGIBLE or place == best):
+            if self.plans[place] and (now[place] >= NEGLIGIBLE or place == best):
                 drawn = member.draws(own, _DRAWS)
                 assert drawn is not None
                 matrices = assemble(member.network, drawn.theta)
@@ -286,22 +308,35 @@ class Bank(OneState):
 
     def futures(self, state: BankState, plan: Array, after: Indices) -> Mixtures:
         """The mixtures of the members' futures after so many rows (L,) of `plan` (h, n_u), at least one."""
-        shares = between(self._weights(state), self.leads, np.arange(2, len(plan) + 2, dtype=np.float64))
-        chosen, leads = np.flatnonzero(shares.max(axis=1) >= _NEGLIGIBLE), np.asarray(after + 1.0)
+        steps, leads = np.arange(2, len(plan) + 2, dtype=np.float64), np.asarray(after + 1.0)
+        shares = between(self._weights(state), self.leads, steps)
+        counts = counting(shares)
+        departs = state.departs and bool(counts[self._usual].any())
+        if departs:
+            knowing = between(self._weights(state, self.plans), self.leads, steps)
+            counts = counts | counting(knowing)
+        chosen = np.flatnonzero(counts).tolist()
+        issues = {place: self.members[place].issue(state.members[place], self.options.scenarios) for place in chosen}
+
+        def unfolded(places: Sequence[int], rows: Array) -> dict[int, Mixtures]:
+            own = {place: (self.members[place], rows[:, self._columns[place]]) for place in places}
+            return {place: member.unfold(issues[place], row).during(after) for place, (member, row) in own.items()}
+
+        if departs:
+            futures = unfolded([place for place in chosen if self.plans[place]], plan)
+            usual = unfolded(chosen, self._as_usual(plan, state.pending.inputs))
+            changed = departure(futures, usual, knowing[:, after - 1])
+            futures = {place: futures.get(place) or changed.of(usual[place]) for place in chosen}
+        else:
+            futures = unfolded(chosen, plan)
+        corrections = self._corrector.corrections(state.residuals, plan, after)
+        for place, by in zip(self._corrector.members, corrections, strict=True):
+            if place in futures:
+                futures[place] = futures[place]._replace(means=futures[place].means + by.T[..., None])
         shares = shares[chosen][:, after - 1]
         shares = shares / shares.sum(axis=0)
-        corrections = self._corrector.corrections(state.residuals, plan, after)
-        futures = []
-        for place in chosen.tolist():
-            member = self.members[place]
-            issue = member.issue(state.members[place], self.options.scenarios)
-            future = member.unfold(issue, plan[:, self._columns[place]]).during(after)
-            if place in self._corrector.members:
-                by = corrections[self._corrector.members.index(place)].T
-                future = future._replace(means=future.means + by[..., None])
-            futures.append(future)
         scales, reaches = (between(row, self.leads, leads) for row in (state.widths.log_scale, self._reaches(state)))
-        return mixed_futures(futures, shares, np.exp(scales), reaches, self._bounds(state))
+        return mixed_futures(list(futures.values()), shares, np.exp(scales), reaches, self._bounds(state))
 
     def draws(self, state: BankState, count: int) -> ModelDraws | None:
         """Those of the member of `_knowing` that is trusted most a few hours ahead; None where nobody has physics."""
@@ -320,9 +355,9 @@ class Bank(OneState):
         # What the bank forecasts is the mixture of all members, which no single model simulates.
         return drawn._replace(member=self.names[best], share=share)
 
-    def answering_plan(self, state: BankState) -> BankState:
-        """`state` as it answers a plan of heating: members that `plans` does not name count as lost, evidence about
-        the others for less, and nothing is told with more certainty than theirs."""
+    def by_physics(self, state: BankState) -> BankState:
+        """`state` as it answers by physics alone: members that `plans` does not name count as lost, evidence about the
+        others for less, and nothing is told with more certainty than theirs."""
         if not self.plans.any():
             return state
         return state._replace(
@@ -330,6 +365,57 @@ class Bank(OneState):
             costs=state.costs._replace(excess=_UNDER_PLANS * state.costs.excess),
             widths=state.widths._replace(log_scale=np.maximum(state.widths.log_scale, 0.0)),
         )
+
+    def answering_plan(self, state: BankState) -> BankState:
+        """`state` as it answers a plan of heating: by physics, and by what the others say of the usual heating with
+        what physics says the plan changes about it (`estimator.bank.departures`). Who is better is found by all the
+        evidence: the effect of heat is the same."""
+        asked = self.by_physics(state)
+        if not self._usual.any() or not len(state.pending.inputs):
+            return asked
+        excess = np.hstack([state.costs.excess[:, :1], state.answers.excess[:, 1:]])
+        forgiven = (1.0 - _UNDER_PLANS) * excess[self.plans].min(axis=0)
+        excess = np.where(self.plans[:, None], _UNDER_PLANS * excess, excess - forgiven)
+        return asked._replace(lost=state.lost, costs=state.costs._replace(excess=excess), departs=True)
+
+    def _judged(self, state: BankState, outputs: Array, told: Sequence[Due], due: Sequence[Due]) -> Costs:
+        """Costs of the answers to plans after a sample, had its heating been planned: `told` is what was issued for it,
+        and `due` the same with its corrections."""
+        costs, inputs = state.answers, state.pending.inputs
+        if not told or not self._usual.any():
+            return costs
+        asked = self.answering_plan(state)
+        now, knowing = self._weights(asked), self._weights(asked, self.plans)
+        for issued, one in zip(told, due, strict=True):
+            rest, horizon = one.lead - 1, self.leads.index(one.lead)
+            # State of an earlier version knows too few inputs.
+            if len(inputs) > rest:
+                rows = self._as_usual(inputs[-rest:], inputs[:-rest])
+                each = zip(self.members, issued.samples, self._columns, strict=True)
+                usual = {
+                    place: member.unfold(sample, rows[:, own]).during(np.array([rest]))
+                    for place, (member, sample, own) in enumerate(each)
+                }
+                planned = {place: Mixtures.of_one(issued.mixtures[place]) for place in self._corrector.members}
+                changed = departure(planned, usual, knowing[:, [horizon]])
+                parts = [
+                    mixture if self.plans[place] else changed.of(usual[place]).at(0)
+                    for place, mixture in enumerate(one.mixtures)
+                ]
+                costs = self._charged(costs, horizon, parts, now, outputs)
+        return costs
+
+    def _as_usual(self, plan: Array, past: Array) -> Array:
+        return as_usual(plan, past, self._heat, self._day, self._hindsight.every)
+
+    def _charged(self, costs: Costs, horizon: int, parts: Sequence[Mixture], now: Array, outputs: Array) -> Costs:
+        """`costs` after `outputs` (n_y,) came, of which `parts`, with weights `now` (E, H), had been forecast."""
+        for i in np.flatnonzero(np.isfinite(outputs)).tolist():
+            cost, total = costs_of(parts, now[:, horizon], i, outputs[i])
+            if np.isfinite(cost).all():
+                hours = float(self._hours[horizon]) / len(outputs)
+                costs = with_cost(costs, horizon, cost, total, hours, self.options.discount)
+        return costs
 
     @property
     def regresses(self) -> bool:
@@ -344,7 +430,7 @@ class Bank(OneState):
         """The arrays of a state, by name."""
         pending, members = self._hindsight.pack(state.pending), zip(self.members, state.members, strict=True)
         parts = {"costs.": state.costs._asdict(), "widths.": state.widths._asdict(), "pending.": pending}
-        parts["residuals."] = state.residuals._asdict()
+        parts |= {"residuals.": state.residuals._asdict(), "answers.": state.answers._asdict()}
         parts |= {f"member.{place}.": member.pack(own) for place, (member, own) in enumerate(members)}
         return {"lost": state.lost, "phase": state.phase} | together(parts)
 
@@ -366,6 +452,8 @@ class Bank(OneState):
             ),
             pending=pending._replace(issues=issues),
             costs=Costs(**under("costs.", arrays)),
+            # Before answers to plans were judged, members were by what they had forecast for the heat that followed.
+            answers=Costs(**(under("answers.", arrays) or under("costs.", arrays))),
             widths=Widths(**under("widths.", arrays)),
             residuals=residuals,
             lost=arrays["lost"],
@@ -383,12 +471,16 @@ class Bank(OneState):
             self._newest = state, parts, whole
         return parts, whole
 
-    def _weights(self, state: BankState) -> Array:
-        """(E, H): what every member weighs at each of `leads`; nothing while it cannot explain the samples."""
-        prior = self._prior
-        if state.lost.any() and not state.lost.all():
-            prior = np.where(state.lost[:, None] > 0.0, np.finfo(float).tiny, prior)
-        return weights(state.costs, prior, self.options.learning_rate, self.options.sharing)
+    def _weights(self, state: BankState, among: Mask | None = None) -> Array:
+        """(E, H): what every member, or each of those `among` (E,) them, weighs at each of `leads`; nothing while it
+        cannot explain the samples."""
+        places = np.flatnonzero(np.ones_like(self.plans) if among is None else among)
+        prior, lost = self._prior[places], state.lost[places]
+        if lost.any() and not lost.all():
+            prior = np.where(lost[:, None] > 0.0, np.finfo(float).tiny, prior)
+        found, costs = np.zeros_like(self._prior), state.costs._replace(excess=state.costs.excess[places])
+        found[places] = weights(costs, prior, self.options.learning_rate, self.options.sharing)
+        return found
 
     def _reaches(self, state: BankState) -> Array:
         """(H,): how far from the middle a member may be, by how many forecasts that do not overlap were verified."""
@@ -398,7 +490,7 @@ class Bank(OneState):
         """(n_y, 2): what no forecast of hours goes beyond [degC], by the member that remembers what was measured. None
         without one, and where it does not count, as under a plan of heat that the room may never have had."""
         for member, own, lost in zip(self.members, state.members, state.lost, strict=True):
-            if isinstance(member, ARX) and np.isfinite(lost):
+            if isinstance(member, ARX) and np.isfinite(lost) and not state.departs:
                 return member.bounds(own)
         return None
 
@@ -425,11 +517,8 @@ class Bank(OneState):
             told.append((horizon, one.mixtures, whole))
         costs, widths = state.costs, state.widths
         for horizon, forecasts, whole in told:
+            costs = self._charged(costs, horizon, forecasts, now, outputs)
             for i in np.flatnonzero(np.isfinite(outputs)).tolist():
-                cost, total = costs_of(forecasts, now[:, horizon], i, outputs[i])
-                if np.isfinite(cost).all():
-                    hours = float(self._hours[horizon]) / len(outputs)
-                    costs = with_cost(costs, horizon, cost, total, hours, self.options.discount)
                 widths = with_place(
                     widths,
                     horizon,
@@ -495,10 +584,16 @@ def answering_plan(estimator: Estimator, state: Any) -> Any:
     """`state` of `estimator` as `issue` takes it to answer a plan of heating that somebody has chosen.
 
     A regression knows heating by what usually goes with it, so it answers what departs from habit by correlation. Of a
-    bank, only the members that `Bank.plans` names answer. Any other estimator has but one answer, and its state stays
-    as it is.
+    bank, only the members that `Bank.plans` names tell what a departure changes. Any other estimator has but one
+    answer, and its state stays as it is.
     """
     return estimator.answering_plan(state) if isinstance(estimator, Bank) else state
+
+
+def by_physics(estimator: Estimator, state: Any) -> Any:
+    """`state` of `estimator` as `issue` takes it to tell what is never usual, such as what a room does without sun and
+    people: the members of a bank that `Bank.plans` names."""
+    return estimator.by_physics(state) if isinstance(estimator, Bank) else state
 
 
 def _with_reach(issue: Issue, rows: int) -> Issue:

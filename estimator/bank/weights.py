@@ -18,12 +18,15 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from estimator.arrays import Array
+from estimator.arrays import Array, Mask
 from estimator.types import Mixture
 from estimator.verification.scores import expected_distance, merged
 
 COMPONENTS = 12
 """Gaussians that stand for a member when its share in the mixture's score is computed."""
+
+NEGLIGIBLE = 0.01
+"""Weight below which, if it has no more at any lead of a forecast, a member is left out of it."""
 
 _LARGEST = 20.0
 """Bound of the cost of one forecast, in units of the mixture's. A lower one spares members that are far off whenever
@@ -128,6 +131,11 @@ def _costs(sizes, all_weights, all_means, all_sds, now, value):  # type: ignore[
     for e in range(members):
         total += now[e] * (near[e] - 0.5 * others[e])
     return near - others, total
+
+
+def counting(shares: Array) -> Mask:
+    """(E,): who is not left out of a forecast with `shares` (E, L) of the members."""
+    return np.asarray(shares.max(axis=1) >= NEGLIGIBLE)
 
 
 def between(values: Array, leads: Sequence[int], wanted: Array) -> Array:

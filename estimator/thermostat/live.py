@@ -584,7 +584,7 @@ class LiveForecasts:
         them with under plans of heat."""
         if self._bank is None or not self._members:
             return np.ones((len(self._members), len(self.leads)))
-        asked = self._bank.answering_plan(state)
+        asked = self._bank.by_physics(state)
         everyone = np.array(list(self._bank.member_weights(asked).values()))[self._places]
         own = between(everyone, self._bank.leads, np.array(self.leads, dtype=np.float64))
         return np.maximum(own / own.sum(axis=0), _LEAST_TRUSTED)

@@ -41,7 +41,7 @@ class Issue(NamedTuple):
 
 
 class Pending(NamedTuple):
-    """Issues whose time has not come, and the inputs since the oldest of them."""
+    """Issues whose time has not come, and the inputs since the oldest of them, or since some time before."""
 
     step: int
     inputs: Array
@@ -58,6 +58,8 @@ class Due(NamedTuple):
     mixtures: tuple[Mixture, ...]
     note: Array
     """As it was at the issue."""
+    samples: tuple[Any, ...]
+    """What they had issued."""
 
 
 NOTHING = np.empty(0)
@@ -66,9 +68,10 @@ NOTHING = np.empty(0)
 class Hindsight:
     """The pending forecasts of `members`, which share network inputs, outputs and period."""
 
-    def __init__(self, network: Network, members: Sequence[Estimator], period: float) -> None:
-        """`network` is the one whose drive rows come; each member takes what drives its own."""
-        self._members = tuple(members)
+    def __init__(self, network: Network, members: Sequence[Estimator], period: float, before: int = 0) -> None:
+        """`network` is the one whose drive rows come; each member takes what drives its own. So many rows `before` the
+        oldest issue are kept as well."""
+        self._members, self._before = tuple(members), before
         self._width = len(network.drive)
         self._columns = [network.columns(member.network) for member in members]
         self.leads = tuple(round(horizon / period) for horizon in HORIZONS)
@@ -99,9 +102,9 @@ class Hindsight:
         if step % self.every == phase % self.every and longest > 1:
             samples = tuple(member.issue(state, SAMPLES) for member, state in zip(self._members, states, strict=True))
             issues = (*issues, Issue(step, samples, NOTHING if note is None else note()))
-        kept = max(1, step - issues[0].step) if issues else 1
+        kept = self._before + (max(1, step - issues[0].step) if issues else 1)
         log = np.concatenate([pending.inputs, inputs[None]])
-        return Pending(step, log[len(log) - kept :], issues)
+        return Pending(step, log[-kept:], issues)
 
     def due(self, pending: Pending) -> Iterator[Due]:
         """What had been forecast for the present step, from the shortest lead to the longest."""
@@ -112,7 +115,7 @@ class Hindsight:
                 plan = pending.inputs[len(pending.inputs) - (lead - 1) :]
                 issued = zip(self._members, issue.samples, self._columns, strict=True)
                 mixtures = tuple(member.unfold(sample, plan[:, own]).at(-1) for member, sample, own in issued)
-                yield Due(horizon, lead, mixtures, issue.note)
+                yield Due(horizon, lead, mixtures, issue.note, issue.samples)
 
     def pack(self, pending: Pending) -> dict[str, Array]:
         """The arrays of `pending`, by name."""

@@ -12,11 +12,10 @@ from math import ceil, floor
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from adapters.timestamps import time_zone
-from estimator.arrays import Array
-from estimator.bank.bank import answering_plan
+from estimator.arrays import Array, Mask
+from estimator.bank.bank import by_physics
 from estimator.diagnosis import finding as kinds
 from estimator.diagnosis.finding import Diagnosis, Finding, amount
 from estimator.network.assembly import assemble
@@ -67,9 +66,6 @@ _WIDE = 3.0
 """Upper over lower end of an interval from which what lies between says too little to be relied upon."""
 _WORTH = 20.0
 """W of heat from elsewhere that are worth a sentence."""
-
-
-Mask = npt.NDArray[np.bool_]
 
 
 class Past(NamedTuple):
@@ -329,7 +325,7 @@ def _pace(worker: ZoneWorker, standing: Standing) -> Iterator[RoomAnswer]:
     full[heat] = standing.carried.record.largest[heat]
     hour, hours = max(1, ceil(_HOUR / period)), max(1, ceil(_COOLING * _HOUR / period))
     # Heating that is off, or full, departs from habit, of which a regression knows nothing.
-    state = answering_plan(worker.estimator, standing.state)
+    state = by_physics(worker.estimator, standing.state)
     issue, terms = worker.estimator.issue(state, 64), (0, len(network.terms))
     cold, warm = (
         [

@@ -7,7 +7,7 @@ import pytest
 from support.forecasts import unfolded
 from support.small_building import two_rooms
 
-from estimator.bank.bank import Bank, answering_plan
+from estimator.bank.bank import Bank, answering_plan, by_physics
 from estimator.bank.options import BankOptions, Member
 from estimator.errors import OptionsError
 from estimator.heat.terms import with_known_heat
@@ -33,15 +33,17 @@ class SomeState(NamedTuple):
 
 
 class SomeForecaster:
-    """Always 20 degC and a bias of its own, one for the next sample and one for later ones; it learns nothing."""
+    """Always 20 degC and a bias of its own, one for the next sample and one for later ones, which are warmer by what is
+    heated above 300 W; it learns nothing."""
 
     physical = True
     verifies_itself = False
     blocks = ()
     issue_type = SomeState
 
-    def __init__(self, bias, later_bias, sd, deaf=False):
+    def __init__(self, bias, later_bias, sd, deaf=False, per_watt=0.0):
         self.network, self.bias, self.later_bias, self.sd, self.deaf = NETWORK, bias, later_bias, sd, deaf
+        self.per_watt = per_watt
 
     def start(self, seed, outputs, inputs):
         return SomeState(np.array(0))
@@ -63,7 +65,7 @@ class SomeForecaster:
         return state
 
     def unfold(self, issue, plan):
-        means = np.full((len(plan) + 1, 1), 20.0 + self.later_bias)
+        means = 20.0 + self.later_bias + self.per_watt * (np.pad(plan[:, 1:], ((1, 0), (0, 0))) - 300.0)
         means[0] = 20.0 + self.bias
         return Mixtures.of_gaussians(means, np.full_like(means, self.sd))
 
@@ -210,26 +212,32 @@ def test_a_member_that_is_lost_before_the_first_forecast_is_issued_is_started_an
     assert bank.update(bank.predict(after, np.array([5.0, 300.0])), np.array([20.0])).state.members[1].restarts == 4
 
 
-def test_a_plan_of_heating_is_answered_by_members_with_physics_that_are_fit_for_it():
-    biases = {"physical": 1.0, "blind": -1.0, "output-error": -2.0}
-    members = {name: SomeForecaster(0.0, bias, NOISE) for name, bias in biases.items()}
-    members["blind"].physical = False
+def test_what_a_plan_of_heating_changes_is_told_by_members_with_physics_that_are_fit_for_it():
+    known = {"physical": (1.0, 0.01), "regression": (-1.0, 0.05), "output-error": (-2.0, 0.0)}
+    members = {name: SomeForecaster(0.0, bias, NOISE, per_watt=warms) for name, (bias, warms) in known.items()}
+    members["regression"].physical = False
     bank = bank_of(members, without_plans=["output-error"])
-    plan = np.tile([5.0, 300.0], (48, 1))
+
+    def after(asked, heat):
+        return bank.unfold(asked, np.tile([5.0, heat], (48, 1))).moments()[0][-1, 0]
+
     # From a start on which the members agree, so that nobody is held back by the middle.
     state, _, _ = played(bank, samples(60))
     state = state._replace(costs=state.costs._replace(hours=np.full(len(bank.leads), 1e6)))
-    foreseen = bank.unfold(state, plan).moments()[0][-1, 0]
-    asked = answering_plan(bank, state)
-    assert abs(foreseen - 21.0) > 0.3
-    assert bank.unfold(asked, plan).moments()[0][-1, 0] == pytest.approx(21.0)
+    asked, physics = answering_plan(bank, state), by_physics(bank, state)
+    assert after(asked, 900.0) - after(asked, 300.0) == pytest.approx(6.0)
+    assert abs(after(asked, 300.0) - 20.0) < 0.5, "all know what is usual"
+    adrift = asked._replace(lost=np.array([3.0, 0.0, 0.0]))
+    assert after(adrift, 900.0) - after(adrift, 300.0) == pytest.approx(6.0), "who else would know"
+    assert after(physics, 900.0) == pytest.approx(27.0)
     assert state.lost.sum() == 0.0, "asking changes nothing"
-    alone = members["physical"].start(1, np.array([20.0]), plan[0])
-    assert answering_plan(members["physical"], alone) is alone
+    alone = members["physical"].start(1, np.array([20.0]), np.zeros(2))
+    assert answering_plan(members["physical"], alone) is by_physics(members["physical"], alone) is alone
     # Somebody has to answer.
-    bank = bank_of({name: members[name] for name in ("blind", "output-error")}, without_plans=["output-error"])
+    bank = bank_of({name: members[name] for name in ("regression", "output-error")}, without_plans=["output-error"])
     state, _, _ = played(bank, samples(60))
-    assert bank.unfold(answering_plan(bank, state), plan).moments()[0][-1, 0] == pytest.approx(18.0)
+    asked = answering_plan(bank, state)
+    assert after(asked, 900.0) == pytest.approx(after(asked, 300.0))
 
 
 def test_what_another_heating_would_do_is_right_although_a_thermostat_made_the_records():
@@ -421,7 +429,7 @@ def test_a_fan_is_the_weighted_mixture_of_the_members_fans():
 
 def test_no_forecast_leaves_what_the_room_can_do_but_under_a_plan_of_heat():
     arx = build("arx", NETWORK, PERIOD, {})
-    bank = bank_of({"wild": SomeForecaster(0.0, 40.0, NOISE), "arx": arx})
+    bank = bank_of({"wild": SomeForecaster(0.0, 40.0, NOISE, per_watt=0.1), "arx": arx})
     state, posteriors, _ = played(bank, samples(100))
     low, high = arx.bounds(state.members[1])[0]
     assert 16.0 < low < 19.0
@@ -431,7 +439,7 @@ def test_no_forecast_leaves_what_the_room_can_do_but_under_a_plan_of_heat():
     verified = [one.mixture.mean()[0] for posterior in posteriors for one in posterior.verified]
     assert len(verified) > 100
     assert max(verified) <= high
-    assert unfolded(bank, answering_plan(bank, state), plan)[-1].mean()[0] > high + 20.0
+    assert unfolded(bank, answering_plan(bank, state), 2.0 * plan)[-1].mean()[0] > high + 20.0
 
 
 @pytest.mark.parametrize("prior", [0, [1, 1], [1, 1, 1, -1], "much", [1, 1, 1, True]])

@@ -32,7 +32,7 @@ def corrected(errors, corrector=None):
     corrector = corrector or Corrector(NETWORK, PERIOD, LEADS, [1])
     drive, means = drive_of(np.arange(len(errors))), np.full((len(errors), 2), np.nan)
     known, told = corrector.start(np.array([20.0])), Mixture(np.ones(1), np.array([[20.0]]), np.array([[0.3]]))
-    due = [Due(n, lead, (told, told), np.empty(0)) for n, lead in enumerate(LEADS) if lead > 1]
+    due = [Due(n, lead, (told, told), np.empty(0), ()) for n, lead in enumerate(LEADS) if lead > 1]
     for step in range(50, len(errors)):
         hourly = due if step % 2 == 0 else []
         known = corrector.predict(known)
