@@ -317,18 +317,13 @@ class Bank(OneState):
             counts = counts | counting(knowing)
         chosen = np.flatnonzero(counts).tolist()
         issues = {place: self.members[place].issue(state.members[place], self.options.scenarios) for place in chosen}
-
-        def unfolded(places: Sequence[int], rows: Array) -> dict[int, Mixtures]:
-            own = {place: (self.members[place], rows[:, self._columns[place]]) for place in places}
-            return {place: member.unfold(issues[place], row).during(after) for place, (member, row) in own.items()}
-
         if departs:
-            futures = unfolded([place for place in chosen if self.plans[place]], plan)
-            usual = unfolded(chosen, self._as_usual(plan, state.pending.inputs))
+            futures = self._unfolded({place: issues[place] for place in chosen if self.plans[place]}, plan, after)
+            usual = self._unfolded(issues, self._as_usual(plan, state.pending.inputs), after)
             changed = departure(futures, usual, knowing[:, after - 1])
             futures = {place: futures.get(place) or changed.of(usual[place]) for place in chosen}
         else:
-            futures = unfolded(chosen, plan)
+            futures = self._unfolded(issues, plan, after)
         corrections = self._corrector.corrections(state.residuals, plan, after)
         for place, by in zip(self._corrector.members, corrections, strict=True):
             if place in futures:
@@ -391,11 +386,7 @@ class Bank(OneState):
             # State of an earlier version knows too few inputs.
             if len(inputs) > rest:
                 rows = self._as_usual(inputs[-rest:], inputs[:-rest])
-                each = zip(self.members, issued.samples, self._columns, strict=True)
-                usual = {
-                    place: member.unfold(sample, rows[:, own]).during(np.array([rest]))
-                    for place, (member, sample, own) in enumerate(each)
-                }
+                usual = self._unfolded(dict(enumerate(issued.samples)), rows, np.array([rest]))
                 planned = {place: Mixtures.of_one(issued.mixtures[place]) for place in self._corrector.members}
                 changed = departure(planned, usual, knowing[:, [horizon]])
                 parts = [
@@ -404,6 +395,13 @@ class Bank(OneState):
                 ]
                 costs = self._charged(costs, horizon, parts, now, outputs)
         return costs
+
+    def _unfolded(self, issues: Mapping[int, Any], rows: Array, after: Indices) -> dict[int, Mixtures]:
+        """What members, by their places, forecast from their `issues` after so many (L,) of the bank's drive `rows`."""
+        return {
+            place: self.members[place].unfold(issue, rows[:, self._columns[place]]).during(after)
+            for place, issue in issues.items()
+        }
 
     def _as_usual(self, plan: Array, past: Array) -> Array:
         return as_usual(plan, past, self._heat, self._day, self._hindsight.every)

@@ -324,7 +324,7 @@ def _pace(worker: ZoneWorker, standing: Standing) -> Iterator[RoomAnswer]:
     full = off.copy()
     full[heat] = standing.carried.record.largest[heat]
     hour, hours = max(1, ceil(_HOUR / period)), max(1, ceil(_COOLING * _HOUR / period))
-    # Heating that is off, or full, departs from habit, of which a regression knows nothing.
+    # Neither sun nor people, and heating that is off or full: nothing that is usual helps.
     state = by_physics(worker.estimator, standing.state)
     issue, terms = worker.estimator.issue(state, 64), (0, len(network.terms))
     cold, warm = (

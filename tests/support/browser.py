@@ -36,9 +36,10 @@ def eventually(page: Any, condition: str, argument: object = None) -> None:
 
 def drag(page: Any, selector: str, begin: tuple[float, float], end: tuple[float, float]) -> None:
     """Move the pressed mouse from one place of an element to another; places are shares of its width and height."""
-    area = page.locator(selector)
+    area, deadline = page.locator(selector), time.monotonic() + PATIENCE
     # What comes late moves what is below it, and a press beside the element does nothing.
     while not area.evaluate("node => node.matches(':active')"):
+        assert time.monotonic() < deadline, f"never pressed: {selector}"
         page.mouse.up()
         size = area.bounding_box()
         area.hover(position={"x": begin[0] * size["width"], "y": begin[1] * size["height"]})
